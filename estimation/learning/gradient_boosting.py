@@ -67,7 +67,7 @@ class GradientBoosting:
         self.rows, self.columns = _share("rows", rows), _share("columns", columns)
         self.seed = require_count("seed", seed, minimum=0)
         self.feature_count = 0
-        self._features = np.zeros((0, 0), dtype=np.int64)
+        self._features = np.zeros((0, 0), dtype=np.uint32)
         self._thresholds = np.zeros((0, 0))
         self._leaves = np.zeros((0, 0))
 
@@ -95,7 +95,7 @@ class GradientBoosting:
         rng = np.random.default_rng(self.seed)
         count = max(1, round(self.columns * features.shape[1]))
         odds = np.zeros(len(labels))
-        trees: list[tuple[npt.NDArray[np.int64], FloatArray, FloatArray]] = []
+        trees: list[tuple[npt.NDArray[np.uint32], FloatArray, FloatArray]] = []
         for _ in range(self.rounds):
             chosen = np.sort(rng.choice(features.shape[1], count, replace=False))
             drawn = rng.random(len(labels)) < self.rows
@@ -105,6 +105,7 @@ class GradientBoosting:
             total = max(float(curvature.sum()), 1e-12)
             least, l2 = self.least_weight * total, self.l2 * total
             split, cuts, leaves = grow(bins, chosen, gradient, curvature, self.depth, BINS, least, l2)
+            split = split.astype(np.uint32)
             thresholds = np.array(
                 [edges[f][c] if c >= 0 else _NO_SPLIT for f, c in zip(split, cuts, strict=True)]
             )
@@ -162,18 +163,18 @@ class GradientBoosting:
             trees = content["trees"]
             model = cls(len(trees), content["depth"])
             model.feature_count = require_count("feature_count", content["feature_count"])
-            model._features = np.array([tree["features"] for tree in trees], dtype=np.int64)
+            model._features = np.array([tree["features"] for tree in trees], dtype=np.uint32)
             model._thresholds = _single(
                 [[_NO_SPLIT if t is None else t for t in tree["thresholds"]] for tree in trees]
             )
             model._leaves = _single([tree["leaves"] for tree in trees])
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"content: not a complete model: {error}") from error
         inner, leaves = 2**model.depth - 1, 2**model.depth
         shapes = (model._features.shape, model._thresholds.shape, model._leaves.shape)
         if shapes != ((len(trees), inner), (len(trees), inner), (len(trees), leaves)):
             raise InputError(f"content: trees do not have depth {model.depth}")
-        if model._features.min() < 0 or model._features.max() >= model.feature_count:
+        if model._features.max() >= model.feature_count:
             raise InputError(f"content: a feature is not one of {model.feature_count}")
         if not (np.isfinite(model._leaves).all() and np.isfinite(model._thresholds).all()):
             raise InputError("content: a threshold or leaf is not finite")

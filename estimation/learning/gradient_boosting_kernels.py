@@ -67,15 +67,23 @@ def grow(bins, chosen, gradient, curvature, depth, bin_count, least_curvature, l
 
 @numba.njit(cache=True)
 def sum_trees(F, features, thresholds, leaves, depth):  # type: ignore[no-untyped-def]
-    """Log odds (M,), the leaf values of all trees, for rows of F (M, n): features (T, 2^D - 1), leaves (T, 2^D)."""
-    sums = np.empty(len(F))
-    inner = features.shape[1]
-    for i in range(len(F)):
-        total = 0.0
-        for t in range(len(features)):
-            k = 0
-            for _ in range(depth):
-                k = 2 * k + (1 if F[i, features[t, k]] <= thresholds[t, k] else 2)
-            total += leaves[t, k - inner]
-        sums[i] = total
+    """Log odds (M,), the leaf values of all trees, for rows of F (M, n): features (T, 2^D - 1), leaves (T, 2^D).
+
+    All rows go down a level together, as none has to wait for the other then; numbers of nodes and rows have no sign,
+    as indices that have one are looked at for being below zero.
+    """
+    rows, inner = len(F), features.shape[1]
+    columns = np.ascontiguousarray(F.T)
+    sums, nodes = np.zeros(rows), np.zeros(rows, dtype=np.uint32)
+    for t in range(len(features)):
+        feature, threshold, leaf = features[t], thresholds[t], leaves[t]
+        root, cut = columns[feature[0]], threshold[0]
+        for i in range(rows):
+            nodes[i] = np.uint32(1 + np.uint32(root[i] > cut))
+        for _ in range(depth - 1):
+            for i in range(rows):
+                k = nodes[i]
+                nodes[i] = np.uint32(2 * k + 1 + np.uint32(columns[feature[k], np.uint32(i)] > threshold[k]))
+        for i in range(rows):
+            sums[i] += leaf[nodes[i] - inner]
     return sums

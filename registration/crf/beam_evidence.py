@@ -8,7 +8,6 @@ of it is in groups.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -17,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
 from estimation.geometry.sight import AGREES, HIDDEN, THROUGH, UNSEEN
-from registration.crf.beams import Beams, ends_of, moved, nearness, point_at
+from registration.crf.beams import ends_of, moved, nearness, point_at
 from registration.crf.setup import Start
 from registration.laser.outline import CLEAR
 
@@ -41,120 +40,87 @@ LONG = 8.0  # metres, of a piece, likewise
 WIDE = 2.0  # metres, of how far a piece bends off its chord, likewise
 MOST = 30.0  # points, of what is counted, likewise
 AROUND = 6  # points of a piece to either side that are near
-ARM = 0.12  # metres to either side of a corner
-HOLLOW = 0.6  # radians that an outline turns away from the scanner, from which it is two parts
 NOTHING_BESIDE = -3.0  # in place of an edge, at the ends of a scan
-
-
-@dataclass(frozen=True, eq=False)
-class Pieces:
-    """Points by the piece (n,) they are on: how many (P,), and means and sums over them."""
-
-    number: NDArray[np.int64]
-    count: FloatArray
-
-    @classmethod
-    def of(cls, number: NDArray[np.int64]) -> Pieces:
-        return cls(number, np.bincount(number).astype(np.float64))
-
-    def total(self, values: FloatArray) -> FloatArray:
-        """(P,) sums of values (n,)."""
-        return np.asarray(np.bincount(self.number, values, len(self.count)), dtype=np.float64)
-
-    def mean(self, values: FloatArray) -> FloatArray:
-        """(n,) mean over the piece of each point, of values (n,)."""
-        return np.asarray((self.total(values) / self.count)[self.number])
 
 
 def evidence(begun: Start, clusters: NDArray[np.int64]) -> FloatArray:
     """(n, len(NAMES)) for the points of scan a in `clusters` (n,), see `groups_as_labels`."""
-    a = begun.a
-    through = ((begun.sight == THROUGH) | (begun.sight == CLEAR)).astype(np.float64)
-    seen = {
-        "agreeing": (begun.sight == AGREES).astype(np.float64),
-        "seen through": through,
-        "hidden": (begun.sight == HIDDEN).astype(np.float64),
-        "unseen": (begun.sight == UNSEEN).astype(np.float64),
-        "in groups": (clusters > 0).astype(np.float64),
-    }
-    away = np.minimum(cKDTree(a.points[clusters > 0]).query(a.points)[0], FAR)
-    pieces, parts = Pieces.of(a.pieces), Pieces.of(parts_of(a.points, a.pieces, np.sign(a.step)))
-    columns, ends = _of_pieces(a, seen, away, pieces)
-    columns |= {f"part {name}": values for name, values in _of_pieces(a, seen, away, parts)[0].items()}
-    columns |= {"piece to mover": columns["to mover"], "to mover": away, "in group": seen["in groups"]}
-    columns["points seen through"] = np.minimum(pieces.total(through), MOST)[a.pieces]
-    columns |= _around(begun, seen, ends) | _behind(begun, seen["hidden"], pieces)
-    columns |= _of_cluster(clusters, seen) | _of_scans(begun, seen)
-    return np.column_stack([columns[name] for name in NAMES])
+    a, moving, new = begun.a, clusters > 0, _through(begun.fresh)
+    # The first five are how b sees a point, and whether it is in a group; the others `_behind`.
+    through, hidden = _through(begun.sight), begun.sight == HIDDEN
+    sights = (begun.sight == AGREES, through, hidden, begun.sight == UNSEEN, moving)
+    seen = np.column_stack((*sights, *_behind(begun, hidden, new)))
+    away = cKDTree(a.points[moving]).query(a.points, distance_upper_bound=FAR)[0]
+    away = np.minimum(away, FAR)
+    off = np.minimum(begun.off / nearness(a, begun.noise), 3.0)
+    ranges = a.ranges[a.beams]
+    means, count, nearest = of_pieces(a.pieces, seen, away)
+    shapes, ends = _shapes(a.points, ranges, a.pieces, count)
+    some = np.minimum(means[:, 1] * count, MOST)
+    pieces = np.column_stack((means[:, :4], some, means[:, 4], nearest, means[:, 5:], shapes))
+    means, count, nearest = of_pieces(a.parts, seen, away)
+    shapes, _ = _shapes(a.points, ranges, a.parts, count)
+    parts = np.column_stack((means[:, :5], nearest, shapes[:, :2], shapes[:, 4:]))
+    cluster = of_pieces(np.maximum(clusters, 0), seen, away)[0][:, :2]
+    cluster[0] = -1.0
+    return np.column_stack(
+        (
+            *(off, seen[:, 5], moving, _around(a.points, a.pieces, ends, seen), away),
+            *(pieces[a.pieces], parts[a.parts], cluster[np.maximum(clusters, 0)]),
+            np.broadcast_to((through.mean(), hidden.mean(), new.mean() if len(new) else 0.0), (len(a), 3)),
+        )
+    )
 
 
-def _of_pieces(
-    a: Beams, seen: dict[str, FloatArray], away: FloatArray, pieces: Pieces
-) -> tuple[dict[str, FloatArray], NDArray[np.int64]]:
-    """How a piece is seen, how far it is from what moves and its shape, by its points, (n,) each; its `ends_of`."""
-    columns = {name: pieces.mean(values) for name, values in seen.items()}
-    nearest = np.full(len(pieces.count), FAR)
-    np.minimum.at(nearest, pieces.number, away)
-    columns["to mover"] = nearest[pieces.number]
-    shapes, ends = _shapes(a.points, a.ranges[a.beams], pieces.number, pieces.count)
-    names = ("extent", "chord", "bulge", "dent", "lower edge", "higher edge")
-    return columns | dict(zip(names, shapes[pieces.number].T, strict=True)), ends
-
-
-def _of_scans(begun: Start, seen: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """What is the same for all points."""
-    new = (begun.fresh == THROUGH) | (begun.fresh == CLEAR)
-    shares = {
-        "scan seen through": seen["seen through"].mean(),
-        "scan hidden": seen["hidden"].mean(),
-        "scan new": new.mean() if len(new) else 0.0,
-    }
-    return {name: np.full(len(begun.a), share) for name, share in shares.items()}
-
-
-def _around(begun: Start, seen: dict[str, FloatArray], ends: NDArray[np.int64]) -> dict[str, FloatArray]:
-    """What is near on the pieces."""
-    a = begun.a
-    columns: dict[str, FloatArray] = {}
-    index = np.arange(len(a))
-    low = np.maximum(index - AROUND, ends[a.pieces, 0])
-    high = np.minimum(index + AROUND, ends[a.pieces, 1]) + 1
-    for name in ("agreeing", "seen through", "hidden"):
-        sums = np.concatenate(([0.0], np.cumsum(seen[name])))
-        columns[f"{name} near"] = (sums[high] - sums[low]) / (high - low)
-    kind = seen["agreeing"] + 2.0 * seen["seen through"]
-    breaks = np.concatenate(([True], (np.diff(kind) != 0.0) | (np.diff(a.pieces) != 0)))
-    steps = np.where(breaks, 0.0, np.hypot(*np.diff(a.points, axis=0, prepend=a.points[:1]).T))
-    runs = np.cumsum(breaks) - 1
-    columns["run"] = np.minimum(np.bincount(runs, steps), LONG)[runs]
-    columns["off"] = np.minimum(begun.off / nearness(a, begun.noise), 3.0)
-    return columns
+def _through(sight: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which points were seen through."""
+    return np.asarray((sight == THROUGH) | (sight == CLEAR))
 
 
 @njit(cache=True)
-def parts_of(points, pieces, side):  # type: ignore[no-untyped-def]
-    """Number (n,) of the part of each point: a piece is cut at hollow corners, where one thing stands before another.
+def of_pieces(number, values, away):  # type: ignore[no-untyped-def]
+    """Means (P, K) of values (n, K) over the piece that each point is on, how many points it has (P,), and the least
+    `away` (n,) among them, at most `FAR`.
 
-    side : 1.0 where beams go counterclockwise, -1.0 else.
+    number : (n,) of the piece, from 0.
     """
+    pieces = number.max() + 1 if len(number) else 0
+    means, count = np.zeros((pieces, values.shape[1])), np.zeros(pieces)
+    nearest = np.full(pieces, FAR)
+    for i in range(len(number)):
+        p = number[i]
+        count[p] += 1.0
+        nearest[p] = min(nearest[p], away[i])
+        for k in range(values.shape[1]):
+            means[p, k] += values[i, k]
+    for p in range(pieces):
+        for k in range(values.shape[1]):
+            means[p, k] /= max(count[p], 1.0)
+    return means, count, nearest
+
+
+@njit(cache=True)
+def _around(points, pieces, ends, seen):  # type: ignore[no-untyped-def]
+    """What is near on the pieces, (n, 4): length of the run of points that b sees alike, and the shares among
+    `AROUND` points to either side that agree, are seen through and hidden."""
     n = len(points)
-    turn = np.zeros(n)
+    near = np.zeros((n, 4))
+    first = 0
     for i in range(n):
-        low = high = i
-        ux = uy = vx = vy = 0.0
-        while low > 0 and pieces[low - 1] == pieces[i] and math.hypot(ux, uy) < ARM:
-            low -= 1
-            ux, uy = points[i, 0] - points[low, 0], points[i, 1] - points[low, 1]
-        while high < n - 1 and pieces[high + 1] == pieces[i] and math.hypot(vx, vy) < ARM:
-            high += 1
-            vx, vy = points[high, 0] - points[i, 0], points[high, 1] - points[i, 1]
-        if min(math.hypot(ux, uy), math.hypot(vx, vy)) > 0.5 * ARM:
-            turn[i] = side * math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
-    parts = np.zeros(n, dtype=np.int64)
-    for i in range(1, n):
-        cut = turn[i - 1] > HOLLOW and turn[i - 1] >= turn[i] and turn[i - 1] >= turn[max(i - 2, 0)]
-        parts[i] = parts[i - 1] + (cut or pieces[i] != pieces[i - 1])
-    return parts
+        low, high = max(i - AROUND, ends[pieces[i], 0]), min(i + AROUND, ends[pieces[i], 1])
+        for j in range(low, high + 1):
+            for k in range(3):
+                near[i, 1 + k] += seen[j, k]
+        near[i, 1:] /= high - low + 1
+        if i and (pieces[i] != pieces[i - 1] or seen[i, 0] != seen[i - 1, 0] or seen[i, 1] != seen[i - 1, 1]):
+            near[first:i, 0] = min(near[i - 1, 0], LONG)
+            first = i
+        elif i:
+            step = math.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
+            near[i, 0] = near[i - 1, 0] + step
+    if n:
+        near[first:, 0] = min(near[n - 1, 0], LONG)
+    return near
 
 
 @njit(cache=True)
@@ -182,29 +148,17 @@ def _shapes(points, ranges, pieces, count):  # type: ignore[no-untyped-def]
     return shapes, ends
 
 
-def _behind(begun: Start, hidden: FloatArray, pieces: Pieces) -> dict[str, FloatArray]:
-    """How far the points are behind what scan b saw, and whether that is new there or stood before."""
+def _behind(begun: Start, hidden: NDArray[np.bool_], new: NDArray[np.bool_]) -> FloatArray:
+    """How far the points are behind what scan b saw, whether they are out of its view, and hidden by what is new there.
+
+    (3, n); new : (m,) of the points of b.
+    """
     b, there = begun.b, moved(begun.a.points, begun.registration.transform)
     other, inside = point_at(b, there)
     seen = other >= 0
-    fresh = np.where(seen, begun.fresh[np.maximum(other, 0)], -1)
-    depth = np.zeros(len(other))
-    depth[seen] = np.hypot(*there[seen].T) - b.ranges[b.beams[other[seen]]]
-    depth = np.clip(depth, -FAR, FAR)
-    return {
-        "depth": depth,
-        "mean depth": pieces.mean(depth),
-        "out of view": pieces.mean((~inside).astype(np.float64)),
-        "hidden by new": pieces.mean(hidden * ((fresh == THROUGH) | (fresh == CLEAR))),
-    }
-
-
-def _of_cluster(clusters: NDArray[np.int64], seen: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """How b sees the other points of the cluster of each point."""
-    own = np.maximum(clusters, 0)
-    count = np.maximum(np.bincount(own), 1)
-    return {
-        f"cluster {name}": np.where(clusters > 0, (np.bincount(own, values) / count)[own], -1.0)
-        for name, values in seen.items()
-        if name in ("agreeing", "seen through")
-    }
+    depth = np.zeros((3, len(other)))
+    depth[0, seen] = np.hypot(*there[seen].T) - b.ranges[b.beams[other[seen]]]
+    np.clip(depth[0], -FAR, FAR, out=depth[0])
+    depth[1] = ~inside
+    depth[2, seen] = hidden[seen] & new[other[seen]]
+    return depth

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -18,6 +19,9 @@ NEAR = 0.03  # metres off an outline up to which a point may be noise, at the le
 SIGMAS = 3.5  # standard deviations of the noise the scans themselves show, likewise
 NEARER = 0.7  # of the median range: what is near
 EMPTY = 5  # beams in a row without return, around one, that say that nothing near is there
+FARTHEST = 1.0  # metres between neighbouring beams on one surface
+ARM = 0.12  # metres to either side of a corner
+HOLLOW = 0.6  # radians that an outline turns away from the scanner, from which it is two parts
 MOST_OFF = 0.1  # metres off an outline that may be noise, before it is known
 
 
@@ -45,6 +49,18 @@ class Beams:
 
     def __len__(self) -> int:
         return len(self.beams)
+
+    @cached_property
+    def parts(self) -> NDArray[np.int64]:
+        """(n,) number of the part of each point on its piece; see `parts_of`."""
+        return np.asarray(parts_of(self.points, self.pieces, np.sign(self.step)))
+
+    @cached_property
+    def gaps(self) -> FloatArray:
+        """(n,) metres from each point to the farther neighbour on the same surface, 0 without one."""
+        gaps = np.hypot(*np.diff(self.points, axis=0).T)
+        gaps = np.where((np.diff(self.pieces) == 0) & (gaps < FARTHEST), gaps, 0.0)
+        return np.maximum(np.append(gaps, 0.0), np.insert(gaps, 0, 0.0))
 
 
 @once
@@ -124,6 +140,32 @@ def _pieces(points, beams, step):  # type: ignore[no-untyped-def]
         elif i + 2 < n and pieces[i + 1] < 0 and _joined(points, beams, step, i, i + 2, fresh):
             pieces[i + 2] = pieces[i]
     return pieces
+
+
+@njit(cache=True)
+def parts_of(points, pieces, side):  # type: ignore[no-untyped-def]
+    """Number (n,) of the part of each point: a piece is cut at hollow corners, where one thing stands before another.
+
+    side : 1.0 where beams go counterclockwise, -1.0 else.
+    """
+    n = len(points)
+    turn = np.zeros(n)
+    for i in range(n):
+        low = high = i
+        ux = uy = vx = vy = 0.0
+        while low > 0 and pieces[low - 1] == pieces[i] and math.hypot(ux, uy) < ARM:
+            low -= 1
+            ux, uy = points[i, 0] - points[low, 0], points[i, 1] - points[low, 1]
+        while high < n - 1 and pieces[high + 1] == pieces[i] and math.hypot(vx, vy) < ARM:
+            high += 1
+            vx, vy = points[high, 0] - points[i, 0], points[high, 1] - points[i, 1]
+        if min(math.hypot(ux, uy), math.hypot(vx, vy)) > 0.5 * ARM:
+            turn[i] = side * math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
+    parts = np.zeros(n, dtype=np.int64)
+    for i in range(1, n):
+        cut = turn[i - 1] > HOLLOW and turn[i - 1] >= turn[i] and turn[i - 1] >= turn[max(i - 2, 0)]
+        parts[i] = parts[i - 1] + (cut or pieces[i] != pieces[i - 1])
+    return parts
 
 
 @njit(cache=True)

@@ -8,14 +8,13 @@ from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
 from estimation.geometry.sight import AGREES, UNSEEN
-from registration.crf.beams import Beams, moved, nearness, per_beam, point_at
+from registration.crf.beams import moved, nearness, per_beam, point_at
 from registration.crf.estimate import JointEstimate
 from registration.crf.setup import Start
 from registration.result import UNKNOWN
 
 LEAST_MEMBERS = 3  # points of an object
 NEAR = 0.6  # of the distance between two beams on a surface, within which the nearest sees the same spot
-FARTHEST = 1.0  # metres between neighbouring beams on one surface
 TURN_SIGMA = 0.12  # radians a thing may be expected to turn, where its points say nothing
 
 
@@ -41,9 +40,9 @@ def estimate_of(begun: Start, labels: NDArray[np.int64], probability: FloatArray
     a, b = begun.a, begun.b
     motions, covariances = [begun.registration.transform], [begun.registration.covariance]
     partners = np.full(len(a), -1, dtype=np.int64)
-    grain, gaps = nearness(a, begun.noise) + 0.5 * a.spacing, _gaps(b)
+    grain = nearness(a, begun.noise) + 0.5 * a.spacing
     # Between two surfaces, at edges and flanks, a point may have its partner although b does not see it agree.
-    _associate(begun, (labels == 0) | ((labels < 0) & (begun.sight == UNSEEN)), motions[0], gaps, partners)
+    _associate(begun, (labels == 0) | ((labels < 0) & (begun.sight == UNSEEN)), motions[0], partners)
     clusters = np.where(partners >= 0, 0, -1)
     for number in range(1, int(labels.max(initial=0)) + 1):
         members = labels == number
@@ -53,7 +52,7 @@ def estimate_of(begun: Start, labels: NDArray[np.int64], probability: FloatArray
         clusters[members] = len(motions)
         if number <= len(begun.found):
             motion = begun.found[number - 1].motion
-            _associate(begun, members, motion, gaps, partners)
+            _associate(begun, members, motion, partners)
             motions.append(motion)
             covariances.append(_covariance(a.points[members], grain[members], motion))
         else:
@@ -83,13 +82,12 @@ def _associate(
     begun: Start,
     members: NDArray[np.bool_],
     motion: FloatArray,
-    gaps: FloatArray,
     partners: NDArray[np.int64],
 ) -> None:
     """Write which point of b each member (n,) is under `motion`.
 
     That which the beam saw that looks there, if it is the same surface: noise along a beam then changes nothing. Else
-    the nearest. gaps (m,) : see `_gaps`.
+    the nearest.
     """
     index, b = np.flatnonzero(members), begun.b
     if not len(index):
@@ -98,20 +96,13 @@ def _associate(
     noise = nearness(b, begun.noise)
     found, _ = point_at(b, there)
     away = np.hypot(*(there - b.points[found]).T)
-    found = np.where((found >= 0) & (away < np.maximum(gaps, noise)[found]), found, -1)
+    found = np.where((found >= 0) & (away < np.maximum(b.gaps, noise)[found]), found, -1)
     rest = np.flatnonzero(found < 0)
     if len(rest):
-        reach = np.maximum(NEAR * gaps, noise)
+        reach = np.maximum(NEAR * b.gaps, noise)
         away, nearest = cKDTree(b.points).query(there[rest])
         found[rest] = np.where(away < reach[nearest], nearest, -1)
     partners[index] = found
-
-
-def _gaps(b: Beams) -> FloatArray:
-    """(m,) metres from each point of b to the farther neighbour on the same surface, 0 without one."""
-    gaps = np.hypot(*np.diff(b.points, axis=0).T)
-    gaps = np.where((np.diff(b.pieces) == 0) & (gaps < FARTHEST), gaps, 0.0)
-    return np.maximum(np.append(gaps, 0.0), np.insert(gaps, 0, 0.0))
 
 
 def _covariance(points: FloatArray, grain: FloatArray, motion: FloatArray) -> FloatArray:

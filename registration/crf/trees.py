@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from estimation.checks import FloatArray
 from estimation.geometry.sight import AGREES
 from estimation.learning.gradient_boosting import GradientBoosting
-from registration.crf.beam_evidence import Pieces, evidence, parts_of
+from registration.crf.beam_evidence import evidence, of_pieces
 from registration.crf.setup import Start
 
 MOVES = 1.5  # log odds, both equally likely beforehand, from which a point moves
@@ -29,8 +29,8 @@ def decided(
     """
     a, odds = begun.a, trees.decision(evidence(begun, labels)) - MOVES
     # What lies between two hollow corners moves as a whole or not at all.
-    parts = Pieces.of(parts_of(a.points, a.pieces, np.sign(a.step)))
-    probability = parts.mean(1.0 / (1.0 + np.exp(-odds)))
+    moving = 1.0 / (1.0 + np.exp(-odds))
+    probability = of_pieces(a.parts, moving[:, None], moving)[0][a.parts, 0]
     return with_movers(begun, labels, probability > 0.5), probability
 
 

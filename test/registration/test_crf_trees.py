@@ -14,7 +14,8 @@ from evaluation.crf.crf_learning import learned_trees
 from evaluation.crf.crf_metrics import f1_of, scores
 from registration import Scan
 from registration.crf import JointModel
-from registration.crf.beam_evidence import NAMES, evidence, parts_of
+from registration.crf.beam_evidence import NAMES, evidence
+from registration.crf.beams import parts_of
 from registration.crf.estimate import JointEstimate
 from registration.crf.labels import groups_as_labels
 from registration.crf.setup import start
