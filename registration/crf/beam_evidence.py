@@ -132,19 +132,20 @@ def _shapes(points, ranges, pieces, count):  # type: ignore[no-untyped-def]
         f, l, before, beyond = ends[p]
         ux, uy = points[l, 0] - points[f, 0], points[l, 1] - points[f, 1]
         chord = np.hypot(ux, uy)
-        low, high = points[f].copy(), points[f].copy()
+        left, right, low, high = points[f, 0], points[f, 0], points[f, 1], points[f, 1]
         for k in range(f, l + 1):
             if pieces[k] == p:
-                low, high = np.minimum(low, points[k]), np.maximum(high, points[k])
-                off = (points[k, 0] - points[f, 0]) * uy - (points[k, 1] - points[f, 1]) * ux
+                x, y = points[k]
+                left, right, low, high = min(left, x), max(right, x), min(low, y), max(high, y)
+                off = (x - points[f, 0]) * uy - (y - points[f, 1]) * ux
                 off /= max(chord, 1e-6)
                 shapes[p, 2] = max(shapes[p, 2], min(off, WIDE))
                 shapes[p, 3] = max(shapes[p, 3], min(-off, WIDE))
-        shapes[p, 0] = min(np.hypot(high[0] - low[0], high[1] - low[1]), LONG)
+        shapes[p, 0] = min(np.hypot(right - left, high - low), LONG)
         shapes[p, 1] = min(chord, LONG)
-        left = min(max(ranges[before] - ranges[f], -FAR), FAR) if before >= 0 else NOTHING_BESIDE
-        right = min(max(ranges[beyond] - ranges[l], -FAR), FAR) if beyond < len(points) else NOTHING_BESIDE
-        shapes[p, 4], shapes[p, 5] = min(left, right), max(left, right)
+        lower = min(max(ranges[before] - ranges[f], -FAR), FAR) if before >= 0 else NOTHING_BESIDE
+        higher = min(max(ranges[beyond] - ranges[l], -FAR), FAR) if beyond < len(points) else NOTHING_BESIDE
+        shapes[p, 4], shapes[p, 5] = min(lower, higher), max(lower, higher)
     return shapes, ends
 
 

@@ -36,4 +36,4 @@ class RangeNoise:
             return
         # A median over 0.6745 is a deviation; that of the sum is of 1, 2 and 1 ranges.
         self._told.append(float(np.median(off)) / (0.6745 * math.sqrt(2.0 + twice**2)))
-        self.value = max(self._least, float(np.quantile(self._told, 0.5, method="lower")))
+        self.value = max(self._least, sorted(self._told)[(len(self._told) - 1) // 2])

@@ -105,11 +105,11 @@ class Updates:
     def add(
         self, sources: IntArray, labels: IntArray, seen: npt.NDArray[np.bool_], cells: FloatArray
     ) -> tuple[int, ...]:
-        """Tracks from sources (n,), with the cells (n, 9) of those that were seen; their rows."""
+        """Tracks from sources (n,), and the cells (m, 9) of the m that were seen; their rows."""
         self.source.append(sources)
         self.label.append(labels)
         self.seen.append(seen)
-        self.cells.append(cells[seen])
+        self.cells.append(cells)
         self.count += len(sources)
         return tuple(range(self.count - len(sources), self.count))
 
@@ -387,7 +387,7 @@ class PmbmRecursion:
             if len(returns) == 0:
                 log_weight = float(predicted.table[list(rows), kernels.OFF].sum())
                 index = np.array(rows, dtype=np.int64)
-                nothing = np.zeros(len(rows), dtype=bool), np.zeros((len(rows), kernels.CELL))
+                nothing = np.zeros(len(rows), dtype=bool), np.zeros((0, kernels.CELL))
                 results.append((value + log_weight, updates.add(index, sources.labels[index], *nothing)))
                 continue
             spawns = predicted.spawn_rows(rows) if spawning else []
@@ -406,9 +406,10 @@ class PmbmRecursion:
                     fresh[key] = int(self.labels.take(1)[0])
                     self.classes[fresh[key]] = float(table[k, kernels.CLASS])
                 labels[k] = fresh[key]
-            for structure, seen, cell in zip(weights.tolist(), on, cells, strict=True):
-                there = np.flatnonzero(seen | (np.arange(len(index)) < known))
-                members = updates.add(index[there], labels[there], seen[there], cell[there])
+            shown = on.copy()
+            shown[:, :known] = True
+            for structure, seen, there, cell in zip(weights.tolist(), on, shown, cells, strict=True):
+                members = updates.add(index[there], labels[there], seen[there], cell[seen])
                 results.append((value + structure, members))
         updates.groups.append(results)
 
