@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from harness import Graph
 
 from whereabouts.nodes.runtime import shared_memory
 from whereabouts.nodes.runtime.shared_memory import FOLDER, LOCK, remove_orphans
+from whereabouts.system.resources import config_file
 
 
 def segments(pid: int) -> list[Path]:
@@ -39,6 +41,30 @@ def test_a_node_that_ends_gives_its_segment_back_and_a_killed_one_has_it_removed
     remove_orphans()
     assert not any(path.exists() for path in held[killed.pid])
     assert not any((FOLDER / path.name.removesuffix("_el")).exists() for path in held[killed.pid])
+
+
+def test_only_nodes_that_send_clouds_and_maps_have_room_for_them(graph: Graph) -> None:
+    sizes = []
+    for name in ("verifier", "loop_closure"):
+        process = graph.supervisor.nodes[graph.start(name).full_name].process
+        held = [FOLDER / path.name.removesuffix("_el") for path in segments(process.pid)]
+        if not held:
+            pytest.skip("the middleware uses no shared memory here")
+        sizes.append(max(path.stat().st_size for path in held) / 2**20)
+    assert sizes[0] < 1.5
+    assert sizes[1] > 7.5
+
+
+def test_both_profiles_are_the_same_but_for_the_segment() -> None:
+    large, small = (
+        re.sub(
+            r"<!--.*?-->", "", config_file(f"fastdds{kind}.xml").read_text(encoding="utf-8"), flags=re.DOTALL
+        )
+        for kind in ("", "_small")
+    )
+    sizes = r"<(maxMessageSize|segment_size)>\d+"
+    assert re.sub(sizes, "", large) == re.sub(sizes, "", small).replace("small_shared", "large_shared")
+    assert len(re.findall(sizes, small)) == 2
 
 
 def test_only_what_nobody_holds_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

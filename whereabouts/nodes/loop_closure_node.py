@@ -59,6 +59,7 @@ class LoopClosureNode(SuiteNode):
 
     parameters_model = LoopClosureParameters
     node_name = "loop_closure"
+    sends_clouds = True
     settings: LoopClosureParameters
     aside: ClassVar[SmootherProcess | None] = None
 

@@ -63,6 +63,7 @@ class ScanRegistrationNode(SuiteNode):
 
     parameters_model = ScanRegistrationParameters
     node_name = "scan_registration"
+    sends_clouds = True
     settings: ScanRegistrationParameters
 
     def setup(self) -> None:

@@ -34,7 +34,7 @@ from whereabouts.nodes.ros.bonding import Bonding
 from whereabouts.nodes.ros.declared_parameters import ParameterError, ParameterSet
 from whereabouts.nodes.ros.diagnostics import Complaints, DiagnosticsPublisher, Health
 from whereabouts.nodes.ros.executor import NodeExecutor
-from whereabouts.nodes.ros.footprint import keep_packed, release, settle
+from whereabouts.nodes.ros.footprint import keep_packed, release, settle, use_small_segment
 from whereabouts.nodes.ros.guarded_calls import guarded_action, guarded_answer
 from whereabouts.nodes.ros.host import ACTIVE_VARIABLE, SUPERVISOR_VARIABLE
 from whereabouts.nodes.ros.inputs import HEARD_LATCHED, Handler, Input
@@ -62,10 +62,12 @@ class SuiteNode(LifecycleNode):
     epoch : number of the run; counts up when time goes back. last_run : why the last one began.
     time : what the stamps of all sensors tell. turns : what is kept in a lock-step replay until it is its turn.
     complaints : what was warned of. account : of what was sent.
+    sends_clouds : whether it sends messages of megabytes; see `use_small_segment`.
     """
 
     parameters_model: ClassVar[type[NodeParameters]] = NodeParameters
     node_name: ClassVar[str] = ""
+    sends_clouds: ClassVar[bool] = False
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(self.node_name, **kwargs)
@@ -355,6 +357,8 @@ def run_node(node_type: type[NodeType]) -> int:
     Returns the exit code: 0 after SIGINT or SIGTERM, 1 for an error, 2 for wrong parameters.
     """
     listen_to_interrupts()
+    if not node_type.sends_clouds:
+        use_small_segment()
     rclpy.init()
     keep_packed()
     node: NodeType | None = None

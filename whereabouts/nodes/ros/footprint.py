@@ -5,10 +5,15 @@ from __future__ import annotations
 import ctypes
 import gc
 import mmap
+import os
 import weakref
+from pathlib import Path
 from typing import Any
 
+from whereabouts.system.resources import config_file
+
 LIBRARY = "libllvmlite"
+PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
 def settle() -> None:
@@ -28,6 +33,16 @@ def settle() -> None:
     advise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
     for start, length in _untouched_parts_of(LIBRARY):
         advise(start, length, mmap.MADV_DONTNEED)
+
+
+def use_small_segment() -> None:
+    """Of a process that sends no large messages, before it makes a node: Fast DDS has all of its shared memory at once.
+
+    Where the profile in use is not ours, it stays.
+    """
+    profile = Path(os.environ.get(PROFILES, ""))
+    if profile.name == "fastdds.xml" and profile.resolve() == config_file("fastdds.xml").resolve():
+        os.environ[PROFILES] = str(config_file("fastdds_small.xml"))
 
 
 def keep_packed() -> None:
