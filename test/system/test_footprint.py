@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from numba import njit
 
-from whereabouts.nodes.ros.footprint import LIBRARY, settle
+from whereabouts.nodes.ros.footprint import settle
 
 
 def resident() -> float:
     """MiB of the compiler's library in memory."""
     text = Path("/proc/self/smaps").read_text()
-    blocks = re.findall(rf"{LIBRARY}\S*\n(?:[^\n]*\n)*?Rss:\s+(\d+) kB", text)
+    blocks = re.findall(r"libllvmlite\S*\n(?:[^\n]*\n)*?Rss:\s+(\d+) kB", text)
     return sum(map(int, blocks)) / 1024.0
 
 

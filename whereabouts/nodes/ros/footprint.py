@@ -12,15 +12,14 @@ from typing import Any
 
 from whereabouts.system.resources import config_file
 
-LIBRARY = "libllvmlite"
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
 def settle() -> None:
-    """What start-up needed and running does not: garbage is collected once, LLVM and what it works on leave memory.
+    """What start-up needed and running does not: garbage is collected once, and the code of libraries leaves memory.
 
-    What was imported stays for good, so that the collector need not look at it again while scans arrive. Compiled
-    functions are loaded by now; should another be compiled later, the kernel reads LLVM's code from the file again.
+    What was imported stays for good, so that the collector need not look at it again while scans arrive. Most of the
+    code, that of LLVM for one, was needed to load; what is needed again the kernel reads from the files again.
     """
     gc.collect()
     gc.freeze()
@@ -31,7 +30,7 @@ def settle() -> None:
     if advise is None:
         return
     advise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
-    for start, length in _untouched_parts_of(LIBRARY):
+    for start, length in _untouched_libraries():
         advise(start, length, mmap.MADV_DONTNEED)
 
 
@@ -97,7 +96,7 @@ def release() -> None:
     gc.collect()
 
 
-def _untouched_parts_of(library: str) -> list[tuple[int, int]]:
+def _untouched_libraries() -> list[tuple[int, int]]:
     """Start and length of each mapping of a shared library that still is what the file holds."""
     found = []
     try:
@@ -106,7 +105,7 @@ def _untouched_parts_of(library: str) -> list[tuple[int, int]]:
                 name, *values = line.split()
                 if not name.endswith(":"):
                     start, end = (int(text, 16) for text in name.split("-"))
-                    ours = library in line and "w" not in values[0]
+                    ours = ".so" in line and "w" not in values[0]
                 elif name == "Anonymous:" and ours and values[0] == "0":
                     found.append((start, end - start))
     except OSError:
