@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
     from whereabouts.logs.log_conversion import Conversion
@@ -99,10 +100,9 @@ def convert(
 
 def _sentence(target: Path, result: Conversion) -> str:
     """One line: what was written, and how much was left out."""
-    counted = [(result.scans, "scan"), (result.clouds, "cloud"), (result.odometry, "odometry message")]
-    rest = sum(result.messages.values()) - sum(count for count, _ in counted)
-    counted.append((rest, "other message"))
-    parts = [f"{count} {name}{'s' * (count != 1)}" for count, name in counted if count]
+    counts = [(result.scans, "scan"), (result.clouds, "cloud"), (result.odometry, "odometry message")]
+    rest = sum(result.messages.values()) - sum(count for count, _ in counts)
+    parts = [counted(count, name) for count, name in (*counts, (rest, "other message")) if count]
     skipped = result.summary.skipped_count
     left_out = f"; {skipped} skipped" if skipped else ""
     return f"{target}: {', '.join(parts)} over {result.duration:.1f} s{left_out}"
