@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 
 import whereabouts
 from registration import align_globally
+from world_model.memory.store import Store
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -72,6 +74,18 @@ def test_what_does_nothing_for_a_bag_is_refused(option: str, tmp_path: Path) -> 
     answer = command("convert", "a.bag", "b.mcap", option, 10, cwd=tmp_path)
     assert answer.returncode == 1
     assert "are for CARMEN and g2o logs" in answer.stderr
+
+
+@pytest.mark.parametrize(("name", "option"), [("mcp", "--http"), ("console", "--port")])
+def test_a_port_that_is_taken_is_one_sentence(name: str, option: str, tmp_path: Path) -> None:
+    Store(tmp_path / "world.sqlite").close()
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        answer = command(name, "--store", "world.sqlite", option, port, cwd=tmp_path)
+    assert answer.returncode == 1
+    assert answer.stderr == (
+        f"whereabouts: 127.0.0.1, port {port}: cannot be served: Address already in use\n"
+    )
 
 
 def test_a_missing_package_is_one_sentence(tmp_path: Path) -> None:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from whereabouts.cli.common import require_free
+
 if TYPE_CHECKING:
     from whereabouts.console.sources import Source
 
@@ -69,7 +71,7 @@ def console(
             ws_per_message_deflate=False,
             timeout_graceful_shutdown=1,
         )
-        _require_free(host, port)
+        require_free(host, port)
         print(f"console: open http://{shown}:{port}/#token={token}\nconsole: Ctrl-C ends it", flush=True)
         uvicorn.Server(config).run()
 
@@ -87,20 +89,6 @@ def _source(stack: ExitStack, store: Path | None, live: bool, namespace: str) ->
 
     prepare_environment()
     return stack.enter_context(LiveSource(namespace, store))
-
-
-def _require_free(host: str, port: int) -> None:
-    import socket
-
-    from estimation.errors import InputError
-
-    try:
-        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except OSError as error:
-        raise InputError(f"--host {host} --port {port}: cannot be served: {error.strerror}") from error
 
 
 def _address(host: str) -> str:
