@@ -198,7 +198,8 @@ async def _answered(answer: Any) -> Response:
     return response
 
 
-async def _refused(request: Request, error: HTTPException) -> Response:
+async def _refused(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
     return _refusal(f"{request.method} {request.url.path}: {error.detail}", error.status_code)
 
 
