@@ -62,6 +62,24 @@ def test_logs_of_run_that_cannot_be_written_are_one_sentence(tmp_path: Path) -> 
     assert answer.stderr == f"whereabouts: log/nodes: {tmp_path}/log is a file; name a directory\n"
 
 
+def test_policies_that_cannot_be_written_are_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "suite.yaml").touch()
+    answer = command("security", "--out", "suite.yaml", cwd=tmp_path)
+    assert answer.returncode == 1
+    assert answer.stderr == "whereabouts: suite.yaml: suite.yaml is a file; name a directory\n"
+
+
+def test_a_log_is_not_converted_onto_itself(tmp_path: Path) -> None:
+    log = tmp_path / "drive.mcap"
+    log.write_bytes(b"as recorded")
+    (tmp_path / "link.mcap").symlink_to(log)
+    for target in ("drive.mcap", "link.mcap"):
+        answer = command("convert", "drive.mcap", target, "--seconds", 1, cwd=tmp_path)
+        assert answer.returncode == 1
+        assert answer.stderr == f"whereabouts: {target}: is the log that is read; name another file\n"
+    assert log.read_bytes() == b"as recorded"
+
+
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
     answer = command("segment", "any-log", "--model", "missing.json", cwd=tmp_path)
     assert answer.returncode == 1

@@ -56,21 +56,6 @@ def target_folder(path: Path | None) -> Path | None:
     return path
 
 
-def require_free(host: str, port: int) -> None:
-    """Raises InputError where nothing can be served at an address."""
-    import socket
-
-    from estimation.errors import InputError
-
-    try:
-        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except OSError as error:
-        raise InputError(f"{host}, port {port}: cannot be served: {error.strerror}") from error
-
-
 def file_to_write(option: str, metavar: str, what: str) -> Any:
     """An option that names a file to write; see `target_file`."""
     return typer.Option(option, metavar=metavar, help=what, callback=target_file)

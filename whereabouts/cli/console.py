@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from whereabouts.cli.common import require_free
-
 if TYPE_CHECKING:
     from whereabouts.console.sources import Source
 
@@ -89,6 +87,21 @@ def _source(stack: ExitStack, store: Path | None, live: bool, namespace: str) ->
 
     prepare_environment()
     return stack.enter_context(LiveSource(namespace, store))
+
+
+def require_free(host: str, port: int) -> None:
+    """Raises InputError where nothing can be served at an address."""
+    import socket
+
+    from estimation.errors import InputError
+
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        raise InputError(f"{host}, port {port}: cannot be served: {error.strerror}") from error
 
 
 def _address(host: str) -> str:

@@ -78,8 +78,11 @@ def convert(
     from estimation.errors import InputError
     from whereabouts.logs.log_conversion import convert_log
     from whereabouts.logs.opening import detect
+    from whereabouts.system.log_errors import WriteError
     from whereabouts.system.progress import share_bar
 
+    if target.exists() and source.exists() and target.samefile(source):
+        raise WriteError(target, "is the log that is read; name another file")
     if (max_range or rate) and detect(source)[0] not in ("carmen", "g2o"):
         raise InputError("--max-range and --rate are for CARMEN and g2o logs; a bag keeps what was recorded")
     with share_bar(f"converting {source.name}") as share:

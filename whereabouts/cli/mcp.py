@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from whereabouts.cli.ask import Namespace, StoreFile
-from whereabouts.cli.common import require_free
+from whereabouts.cli.console import require_free
 
 if TYPE_CHECKING:
     from whereabouts.agents.knowledge import Knowledge
