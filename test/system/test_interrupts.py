@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -10,12 +13,56 @@ from whereabouts.nodes.ros import base
 from whereabouts.nodes.ros.executor import NodeExecutor
 from whereabouts.system.interrupts import interrupts_kept
 
+ROOT = Path(__file__).resolve().parents[2]
+
 
 def interrupted() -> SystemError:
     """What pybind11 makes of an interrupt that comes while one of its functions runs."""
     error = SystemError("returned a result with an exception set")
     error.__cause__ = KeyboardInterrupt()
     return error
+
+
+MANY = """
+import os, signal, threading, time
+from typing import NamedTuple
+import numba, numpy as np
+from whereabouts.system.interrupts import listen_to_interrupts
+
+class Pair(NamedTuple):
+    a: np.ndarray
+    b: np.ndarray
+
+@numba.njit
+def doubled(pair):
+    return Pair(pair.a * 2.0, pair.b)
+
+pair = doubled(Pair(np.ones(3), np.ones(3)))
+listen_to_interrupts()
+at_work = threading.Event()
+
+def interrupt():
+    for _ in range(30):
+        at_work.wait()
+        at_work.clear()
+        time.sleep(0.001)
+        os.kill(os.getpid(), signal.SIGINT)
+
+threading.Thread(target=interrupt).start()
+for _ in range(30):
+    try:
+        at_work.set()
+        while True:
+            doubled(pair)
+    except KeyboardInterrupt:
+        pass
+print("whole")
+"""
+
+
+def test_an_interrupt_does_not_break_compiled_code() -> None:
+    ended = subprocess.run([sys.executable, "-c", MANY], capture_output=True, text=True, cwd=ROOT)
+    assert (ended.returncode, ended.stdout) == (0, "whole\n"), ended.stderr
 
 
 def test_an_interrupt_in_compiled_code_stays_an_interrupt() -> None:

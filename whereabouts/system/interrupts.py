@@ -2,19 +2,38 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
+
+AGAIN = 0.002
+"""s after which an interrupt that came at a bad moment comes again."""
 
 
 def listen_to_interrupts() -> None:
-    """Let SIGINT raise KeyboardInterrupt again: a shell's background job inherits that it is ignored."""
-    if (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    """Let SIGINT raise KeyboardInterrupt, but where compiled code would break.
+
+    A shell's background job inherits that it is ignored.
+    """
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) in (
+        signal.SIG_IGN,
+        signal.default_int_handler,
     ):
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, _interrupt)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Numba calls these two for arguments and results, and ends the process where they raise."""
+    while frame is not None:
+        module = str(frame.f_globals.get("__name__"))
+        if module == "numba.core.serialize" or module.startswith("namedtuple_"):
+            threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 def raise_if_interrupt(error: Exception) -> None:
