@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +13,7 @@ import pytest
 
 from whereabouts.nodes.ros import base
 from whereabouts.nodes.ros.executor import NodeExecutor
-from whereabouts.system.interrupts import interrupts_kept
+from whereabouts.system.interrupts import interrupts_kept, listen_to_interrupts
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -63,6 +65,21 @@ print("whole")
 def test_an_interrupt_does_not_break_compiled_code() -> None:
     ended = subprocess.run([sys.executable, "-c", MANY], capture_output=True, text=True, cwd=ROOT)
     assert (ended.returncode, ended.stdout) == (0, "whole\n"), ended.stderr
+
+
+@pytest.mark.parametrize("module", ["namedtuple_Pair", "sensor_msgs.msg._laser_scan", "numba.core.serialize"])
+def test_an_interrupt_waits_until_what_compiled_code_calls_is_over(module: str) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    listen_to_interrupts()
+    names = {"__name__": module, "signal": signal}
+    exec("def make():\n    signal.raise_signal(signal.SIGINT)\n    return 'made'", names)
+    try:
+        assert names["make"]() == "made"  # type: ignore[operator]
+        with pytest.raises(KeyboardInterrupt):
+            threading.Event().wait()
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_an_interrupt_in_compiled_code_stays_an_interrupt() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import threading
 from collections.abc import Iterator
@@ -11,6 +12,10 @@ from types import FrameType
 
 AGAIN = 0.002
 """s after which an interrupt that came at a bad moment comes again."""
+
+# Modules that Numba calls for arguments and results, and rclpy for messages. Where these raise, the one ends the
+# process, the other says that it could not convert them.
+CALLED = re.compile(r"numba\.core\.serialize$|namedtuple_|\w+\.(msg|srv|action)\._")
 
 
 def listen_to_interrupts() -> None:
@@ -26,10 +31,8 @@ def listen_to_interrupts() -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Numba calls these two for arguments and results, and ends the process where they raise."""
     while frame is not None:
-        module = str(frame.f_globals.get("__name__"))
-        if module == "numba.core.serialize" or module.startswith("namedtuple_"):
+        if CALLED.match(str(frame.f_globals.get("__name__"))):
             threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
             return
         frame = frame.f_back
