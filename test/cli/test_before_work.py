@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 
 import whereabouts
 from registration import align_globally
+from world_model.memory.store import Store
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -60,6 +62,24 @@ def test_logs_of_run_that_cannot_be_written_are_one_sentence(tmp_path: Path) -> 
     assert answer.stderr == f"whereabouts: log/nodes: {tmp_path}/log is a file; name a directory\n"
 
 
+def test_policies_that_cannot_be_written_are_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "suite.yaml").touch()
+    answer = command("security", "--out", "suite.yaml", cwd=tmp_path)
+    assert answer.returncode == 1
+    assert answer.stderr == "whereabouts: suite.yaml: suite.yaml is a file; name a directory\n"
+
+
+def test_a_log_is_not_converted_onto_itself(tmp_path: Path) -> None:
+    log = tmp_path / "drive.mcap"
+    log.write_bytes(b"as recorded")
+    (tmp_path / "link.mcap").symlink_to(log)
+    for target in ("drive.mcap", "link.mcap"):
+        answer = command("convert", "drive.mcap", target, "--seconds", 1, cwd=tmp_path)
+        assert answer.returncode == 1
+        assert answer.stderr == f"whereabouts: {target}: is the log that is read; name another file\n"
+    assert log.read_bytes() == b"as recorded"
+
+
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
     answer = command("segment", "any-log", "--model", "missing.json", cwd=tmp_path)
     assert answer.returncode == 1
@@ -72,6 +92,18 @@ def test_what_does_nothing_for_a_bag_is_refused(option: str, tmp_path: Path) -> 
     answer = command("convert", "a.bag", "b.mcap", option, 10, cwd=tmp_path)
     assert answer.returncode == 1
     assert "are for CARMEN and g2o logs" in answer.stderr
+
+
+@pytest.mark.parametrize(("name", "option"), [("mcp", "--http"), ("console", "--port")])
+def test_a_port_that_is_taken_is_one_sentence(name: str, option: str, tmp_path: Path) -> None:
+    Store(tmp_path / "world.sqlite").close()
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        answer = command(name, "--store", "world.sqlite", option, port, cwd=tmp_path)
+    assert answer.returncode == 1
+    assert answer.stderr == (
+        f"whereabouts: 127.0.0.1, port {port}: cannot be served: Address already in use\n"
+    )
 
 
 def test_a_missing_package_is_one_sentence(tmp_path: Path) -> None:

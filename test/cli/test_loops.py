@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from loop_closure import PlaceModel
 from whereabouts.cli.main import app
 from whereabouts.datasets import recording
+from whereabouts.system.log_errors import LogError
 
 runner = CliRunner()
 
@@ -67,6 +68,23 @@ def test_clouds_are_read_from_their_table(tmp_path: Path) -> None:
     options = ["--path-gap", "0", "--index-gap", "20", "--distances", "3", "--negatives", "2000"]
     invoke("evaluate", table, "--model", "plain", *options, "--json", str(figures))
     assert json.loads(figures.read_text())["results"][0]["positives"] == 3000
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stamp,x,y\n1,2,3\n", ", line 1: 10 numbers expected in a table of 3D features"),
+        ("sizes:,1,2,3,4,5,6,7,8,9,10\nx,y,z\n1,2,x\n", ", line 3: 58 numbers expected"),
+        ("sizes:,1,2,3,4,5,6,7,8,9,10\nx,y,z\n" + "1," * 57 + "1\n", ": at least two places are needed"),
+        ("", ", line 1: 10 numbers expected"),
+    ],
+)
+def test_a_table_of_something_else_is_one_sentence(tmp_path: Path, text: str, message: str) -> None:
+    table = tmp_path / "other.csv"
+    table.write_text(text)
+    result = runner.invoke(app, ["loops", "evaluate", str(table)])
+    assert isinstance(result.exception, LogError)
+    assert str(result.exception).startswith(f"{table}{message}")
 
 
 def test_what_cannot_be_done_is_said_in_a_sentence(tmp_path: Path) -> None:

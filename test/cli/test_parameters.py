@@ -12,12 +12,19 @@ from whereabouts.node_names import NODES
 from whereabouts.parameter_file import parameters_for, problems_of_file
 from whereabouts.parameters.parameter_base import SharedParameters
 from whereabouts.parameters.registry import model_of
+from whereabouts.system.counting import counted
 
 
 def written(path: Path, *options: str) -> Path:
     answer = CliRunner().invoke(app, ["parameters", *options, "--out", str(path)])
     assert answer.exit_code == 0, answer.output
     return path
+
+
+def test_one_thing_is_not_told_of_as_several(tmp_path: Path) -> None:
+    answer = CliRunner().invoke(app, ["parameters", NODES[0], "--out", str(tmp_path / "one.yaml")])
+    assert answer.output.endswith("parameters of 1 node\n")
+    assert counted(0, "person", "people") == "0 people"
 
 
 def test_two_files_hold_every_parameter_once_at_its_default(tmp_path: Path) -> None:

@@ -223,7 +223,7 @@ def test_a_scanner_or_a_cloud_alone(tmp_path: Path) -> None:
     bag = tmp_path / "cloud.mcap"
     with McapWriter(bag) as writer:
         writer.write_cloud(CloudRecord(np.ones((5, 3)), 1.0, "velodyne", "lidar"))
-    _, given = set_up(bag, tmp_path)
+    _, given = set_up(bag, tmp_path, "--overwrite")
     assert given["scan_registration"]["cloud_topics"] == ["/velodyne"]
     assert given["loop_closure"]["cloud_topic"] == "/velodyne"
     assert given["verifier"] == {"cloud_topic": "/velodyne"}
@@ -379,6 +379,18 @@ def test_a_preset_is_a_file_that_nodes_take(name: str, tmp_path: Path) -> None:
     assert settings.base_frame == wanted.base_frame
     assert settings.publish_tf is not wanted.base_publishes_tf
     assert settings.scan_topics == wanted.scan_topics
+
+
+def test_a_file_that_exists_is_kept_unless_it_is_to_be_replaced(tmp_path: Path) -> None:
+    out = tmp_path / "robot.yaml"
+    out.write_text("# tuned by hand\n")
+    asked = ["setup", "--no-look", "--preset", "turtlebot3", "--out", str(out)]
+    refused = runner.invoke(app, asked)
+    assert isinstance(refused.exception, LogError)
+    assert str(refused.exception).startswith(f"{out}: exists and was kept; --overwrite")
+    assert out.read_text() == "# tuned by hand\n"
+    assert runner.invoke(app, [*asked, "--overwrite"]).exit_code == 0
+    assert problems_of_file(out) == []
 
 
 def test_an_unknown_preset_names_the_others() -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -137,6 +139,21 @@ def test_learned_settings_are_those_the_log_was_made_with(
     assert given["classes"] == ["cup", "bowl"]
     assert given["measurement_sigma"] == found["learned"]["measurement_sigma"]
     assert "cup-1" in run(bag, "--params", learned)
+
+
+def test_learning_says_how_far_it_is(
+    recorded: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag, params = recorded
+    told: list[tuple[str, int]] = []
+
+    def track(items: Iterable[Any], description: str, total: int) -> Iterator[Any]:
+        told.append((description, total))
+        return iter(items)
+
+    monkeypatch.setattr("whereabouts.system.progress.track", track)
+    assert "400 observations, 2 objects" in run(bag, "--params", params, "--learn", tmp_path / "learned.yaml")
+    assert set(told) == {("learning", 400)}
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,8 @@ from starlette.websockets import WebSocketDisconnect
 from websockets.sync.client import connect
 
 import whereabouts.console.console_server
+from estimation.errors import InputError
+from estimation.geometry.places import Places
 from whereabouts.console.console_server import Console
 from whereabouts.console.shown import Shown, empty
 from whereabouts.console.sources import ConsoleError, StoreSource
@@ -120,6 +122,10 @@ def test_requests_that_make_no_sense_get_a_sentence(client: TestClient) -> None:
     assert client.post("/api/find", json=[1], headers=KNOWN).status_code == 400
     assert client.post("/api/reboot", json={}, headers=KNOWN).status_code == 404
     assert client.get("/api/map.png").status_code == 404
+    for method, path, status in (("GET", "/api/find", 405), ("POST", "/api/ask/more", 404)):
+        answer = client.request(method, path, headers=KNOWN)
+        assert answer.status_code == status
+        assert answer.json()["error"].startswith(f"{method} {path}: ")
 
 
 def test_other_names_for_this_machine_and_other_pages_are_refused(source: ScriptedSource) -> None:
@@ -194,6 +200,23 @@ def state(step: int) -> WorldState:
         10.0 * step,
     )
     return WorldState((cup,), 1.0, 1.0, 10.0 * step)
+
+
+def test_a_file_that_is_no_store_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "drive.mcap").write_bytes(b"")
+    with pytest.raises(InputError, match="is no world model's store"):
+        StoreSource(tmp_path / "drive.mcap")
+
+
+def test_things_of_a_store_are_at_its_places(tmp_path: Path) -> None:
+    with Store(tmp_path / "world.sqlite") as store:
+        store.keep_places(
+            Places.from_mapping({"places": {"kitchen": {"polygon": [[0, 0], [3, 0], [3, 3], [0, 3]]}}})
+        )
+        store.record(state(2))
+        source = StoreSource(tmp_path / "world.sqlite")
+        assert [item["place"] for item in source.world()["things"]] == ["kitchen"]
+        source.close()
 
 
 def test_a_store_is_shown_as_it_was_at_any_time(tmp_path: Path) -> None:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from depth_camera import DepthCamera, Framed, looking
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from scipy.spatial.transform import Rotation
 
-from whereabouts.logs import McapWriter, Topic
+from whereabouts.logs import McapWriter, Topic, open_raw
 from whereabouts.recorded.camera_log import BOXES, IMAGE, INFO, TF
 from whereabouts.recorded.evidence_messages import Reader
 from whereabouts.recorded.world_bag import SuiteMessages
@@ -206,6 +207,24 @@ def test_detections_in_the_frame_of_a_driving_camera_are_placed(tmp_path: Path) 
     assert {look.frame for look in looks} == {"map"}
     for look in looks:
         np.testing.assert_allclose(look.evidence.objects[0].position, CUP[1], atol=1e-6)
+
+
+def test_a_bag_whose_messages_are_compressed_is_unpacked_once(tmp_path: Path) -> None:
+    plain = open_raw(in_space(tmp_path / "driven.mcap", True))
+    packed = Writer(tmp_path / "packed", version=9, storage_plugin=StoragePlugin.MCAP)
+    packed.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    connections: dict[str, Any] = {}
+    with packed:
+        for raw in plain:
+            if raw.name not in connections:
+                known = raw.topic
+                connections[raw.name] = packed.add_connection(
+                    raw.name, raw.type_name, msgdef=known.definition, rihs01=known.type_hash or "unknown"
+                )
+            packed.write(connections[raw.name], raw.log_time, raw.data)
+    with EvidenceLog(tmp_path / "packed", Reader({"class": ["cup"]}, ("class",), 0.03)) as log:
+        assert len(list(log)) == 7
+    assert not any("do not fit" in line for line in log.summary.lines())
 
 
 def test_without_a_map_in_tf_detections_are_in_their_own_frame(tmp_path: Path) -> None:

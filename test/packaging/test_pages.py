@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import builtins
 import json
 import re
 import shutil
@@ -164,6 +166,29 @@ def test_the_example_of_the_front_page_runs(capsys: pytest.CaptureFixture[str]) 
     begin, end = drive(0.0), drive(drive.duration)  # type: ignore[operator, attr-defined]
     np.testing.assert_allclose(begin[:2], end[:2], atol=1e-6)
     np.testing.assert_allclose(slam.pose[:2], np.zeros(2), atol=0.2)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_snippets_import_what_they_call(page: Path) -> None:
+    for text in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+        # Nodes need ROS, and messages of others.
+        if "from " not in text or "rclpy" in text or "SuiteNode" in text:
+            continue
+        tree = ast.parse(text)
+        known: dict[str, object] = {**vars(builtins), "use": None}
+        imports = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+        exec(compile(ast.Module(list(imports), []), page.name, "exec"), known)
+        calls = {
+            node.func.id
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        }
+        names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and not _read(node)}
+        assert not calls - known.keys() - names, page.name
+
+
+def _read(node: ast.Name) -> bool:
+    return isinstance(node.ctx, ast.Load)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -34,6 +34,9 @@ class Lent:
     def pid(self) -> int | None:
         return None if self._host is None else self._host.pid
 
+    def wait(self) -> None:
+        """A test is not interrupted while it loads."""
+
     def start(self, command: list[str], log: Path, environment: Mapping[str, str]) -> Forked:
         """Raises OSError where there is no host, or no longer; nodes then start alone."""
         if self._broken is not None:

@@ -56,6 +56,15 @@ def test_nodes_of_one_host_share_memory_die_alone_and_end_with_the_supervisor(tm
             os.kill(pid, 0)
 
 
+def test_an_interrupt_while_the_host_loads_ends_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module.Host, "wait", lambda host: signal.raise_signal(signal.SIGINT))
+    with Supervisor(tmp_path, hosted=True) as supervisor, pytest.raises(KeyboardInterrupt):
+        supervisor.start(NodeSpec("verifier"))
+    assert not supervisor.nodes
+
+
 def test_without_the_host_nodes_start_alone(tmp_path: Path) -> None:
     events: list[str] = []
     with Supervisor(tmp_path, on_event=events.append, hosted=True) as supervisor:

@@ -260,6 +260,7 @@ def test_services_change_the_world_and_refuse_nonsense(graph: Graph, tmp_path: P
     found = world.query(object_id="annas").world.objects[0]
     assert classes(found)["shoe"] > 0.99
     answer = graph.call(ForgetObject, "world_model/forget", ForgetObject.Request(class_name="bowl"))
+    assert answer.message == "1 object forgotten"
     assert (answer.code, list(answer.object_ids)) == (answer.SUCCESS, ["bowl-1"])
     graph.until(lambda: [item.id for item in world.states[-1].objects] == ["annas"], "the world without bowl")
     answer = graph.call(ForgetObject, "world_model/forget", ForgetObject.Request())

@@ -69,7 +69,7 @@ def console(
             ws_per_message_deflate=False,
             timeout_graceful_shutdown=1,
         )
-        _require_free(host, port)
+        require_free(host, port)
         print(f"console: open http://{shown}:{port}/#token={token}\nconsole: Ctrl-C ends it", flush=True)
         uvicorn.Server(config).run()
 
@@ -89,7 +89,8 @@ def _source(stack: ExitStack, store: Path | None, live: bool, namespace: str) ->
     return stack.enter_context(LiveSource(namespace, store))
 
 
-def _require_free(host: str, port: int) -> None:
+def require_free(host: str, port: int) -> None:
+    """Raises InputError where nothing can be served at an address."""
     import socket
 
     from estimation.errors import InputError
@@ -100,7 +101,7 @@ def _require_free(host: str, port: int) -> None:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
     except OSError as error:
-        raise InputError(f"--host {host} --port {port}: cannot be served: {error.strerror}") from error
+        raise InputError(f"{host}, port {port}: cannot be served: {error.strerror}") from error
 
 
 def _address(host: str) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
     from whereabouts.logs.log_conversion import Conversion
@@ -77,8 +78,11 @@ def convert(
     from estimation.errors import InputError
     from whereabouts.logs.log_conversion import convert_log
     from whereabouts.logs.opening import detect
+    from whereabouts.system.log_errors import WriteError
     from whereabouts.system.progress import share_bar
 
+    if target.exists() and source.exists() and target.samefile(source):
+        raise WriteError(target, "is the log that is read; name another file")
     if (max_range or rate) and detect(source)[0] not in ("carmen", "g2o"):
         raise InputError("--max-range and --rate are for CARMEN and g2o logs; a bag keeps what was recorded")
     with share_bar(f"converting {source.name}") as share:
@@ -99,10 +103,9 @@ def convert(
 
 def _sentence(target: Path, result: Conversion) -> str:
     """One line: what was written, and how much was left out."""
-    counted = [(result.scans, "scan"), (result.clouds, "cloud"), (result.odometry, "odometry message")]
-    rest = sum(result.messages.values()) - sum(count for count, _ in counted)
-    counted.append((rest, "other message"))
-    parts = [f"{count} {name}{'s' * (count != 1)}" for count, name in counted if count]
+    counts = [(result.scans, "scan"), (result.clouds, "cloud"), (result.odometry, "odometry message")]
+    rest = sum(result.messages.values()) - sum(count for count, _ in counts)
+    parts = [counted(count, name) for count, name in (*counts, (rest, "other message")) if count]
     skipped = result.summary.skipped_count
     left_out = f"; {skipped} skipped" if skipped else ""
     return f"{target}: {', '.join(parts)} over {result.duration:.1f} s{left_out}"

@@ -6,6 +6,7 @@ import typer
 
 from whereabouts.cli.common import JsonFile, write_figures
 from whereabouts.cli.setup import BagToLookAt, PresetName, Seconds, survey_of
+from whereabouts.system.counting import counted
 
 
 def doctor(
@@ -39,8 +40,8 @@ def doctor(
     )
     for finding in said:
         typer.echo(str(finding))
-    errors = sum(finding.level == "error" for finding in said)
-    typer.echo(f"{errors} errors, {sum(finding.level == 'warning' for finding in said)} warnings")
+    errors, warnings = (sum(finding.level == level for finding in said) for level in ("error", "warning"))
+    typer.echo(f"{counted(errors, 'error')}, {counted(warnings, 'warning')}")
     write_figures(json_file, {"imports": places, "findings": [vars(item) for item in said]})
     if errors:
         raise typer.Exit(1)

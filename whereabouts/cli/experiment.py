@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from whereabouts.cli.common import Dask, JsonFile, target_folder, write_figures
+from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -101,10 +102,8 @@ def _print(result: Result, left_out: bool) -> None:
             _draw(console, table, [[cell(each, result.figures) for each in row] for row in rows])
     for note in result.content["notes"]:
         console.print(f"- {note}", markup=False)
-    console.print(
-        f"{result.path}: {len(result.figures)} figures, {len(result.content['pictures'])} pictures",
-        markup=False,
-    )
+    drawn = counted(len(result.content["pictures"]), "picture")
+    console.print(f"{result.path}: {counted(len(result.figures), 'figure')}, {drawn}", markup=False)
 
 
 def _is_left_out(row: list[Any], result: Result) -> bool:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from whereabouts.cli.common import JsonFile, file_to_write, write_figures
+from whereabouts.system.counting import counted
 
 Source = Annotated[
     Path,
@@ -74,20 +75,21 @@ def intentions(
         told = learn_and_predict(
             model, list(recorded.trajectories.values()), horizon, radius, lambda: bar.advance(task)
         )
+    walks = counted(len(recorded.trajectories), "trajectory", "trajectories")
     typer.echo(
-        f"{len(recorded.trajectories)} trajectories ({recorded.kind}), {told.taught} learned, "
+        f"{walks} ({recorded.kind}), {told.taught} learned, "
         f"{model.learned} in the model ({model.config.method})"
     )
     for reason, count in sorted(told.refused.items()):
         typer.echo(f"{count} taught nothing: {reason}")
     for reason, count in sorted(told.dropped.items()):
-        typer.echo(f"{count} observations left out: {reason}")
+        typer.echo(f"{counted(count, 'observation')} left out: {reason}")
     for fraction, rate in told.correct.items():
         typer.echo(f"correct exit after {100 * fraction:3g} %: {rate:.3f} of {told.predictions}")
     if told.moments:
         typer.echo(
             f"error after {horizon:g} s: {told.error:.3f} m, constant velocity {told.constant:.3f} m, "
-            f"{told.moments} moments"
+            f"{counted(told.moments, 'moment')}"
         )
     if save is not None:
         typer.echo(f"saved to {model.save(save)}")

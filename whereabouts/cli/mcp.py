@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from whereabouts.cli.ask import Namespace, StoreFile
+from whereabouts.cli.console import require_free
 
 if TYPE_CHECKING:
     from whereabouts.agents.knowledge import Knowledge
@@ -74,6 +75,7 @@ def _stdio(knowledge: Knowledge) -> None:
 def _http(knowledge: Knowledge, port: int) -> None:
     import uvicorn
 
+    require_free(HOST, port)
     token = os.environ.get(TOKEN, "")
     if not token:
         token = secrets.token_urlsafe(24)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from whereabouts.cli.common import file_to_write
+from whereabouts.system.counting import counted
 
 
 def merge(
@@ -35,6 +36,6 @@ def merge(
     write_map_files(slam, map_file, lambda text: typer.echo(text, err=True))
     closures = sum(edge.closure for edge in slam.graph.edges)
     typer.echo(
-        f"{known} and {added} keyframes, found at keyframe {found} of the second, {closures} closures; "
-        f"written to {map_file.with_suffix('.npz')}"
+        f"{known} and {counted(added, 'keyframe')}, found at keyframe {found} of the second, "
+        f"{counted(closures, 'closure')}; written to {map_file.with_suffix('.npz')}"
     )

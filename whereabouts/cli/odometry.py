@@ -19,6 +19,7 @@ from whereabouts.cli.common import (
     reading,
     write_figures,
 )
+from whereabouts.system.counting import counted
 
 
 def odometry(
@@ -60,7 +61,7 @@ def odometry(
     elapsed, count, duration = time.perf_counter() - started, len(stamps), stamps[-1] - stamps[0]
     length = sum(math.dist(a, b) for a, b in itertools.pairwise(places))
     typer.echo(
-        f"{count} scans over {duration:.1f} s, path {length:.1f} m, {unsure} unsure, "
+        f"{counted(count, 'scan')} over {duration:.1f} s, path {length:.1f} m, {unsure} unsure, "
         f"{count / elapsed:.0f} scans/s{f', written to {out}' if out else ''}"
     )
     figures = {"source": str(source), "scans": count, "unsure": unsure, "path_m": length}

@@ -9,6 +9,7 @@ import typer
 
 from whereabouts.cli.common import file_to_write
 from whereabouts.node_names import NODES
+from whereabouts.system.counting import counted
 
 
 def parameters(
@@ -38,4 +39,6 @@ def parameters(
         return
     with atomic_path(out) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    typer.echo(f"{out}: {'expert parameters' if expert else 'parameters'} of {len(nodes or NODES)} nodes")
+    typer.echo(
+        f"{out}: {'expert parameters' if expert else 'parameters'} of {counted(len(nodes or NODES), 'node')}"
+    )

@@ -10,6 +10,7 @@ import typer
 
 from whereabouts.cli.common import file_to_write, target_file, target_folder
 from whereabouts.node_names import NODES
+from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
     from whereabouts.nodes.ros.host import Host
@@ -218,6 +219,6 @@ def _run_bag(config: SuiteConfig, bag: Path, host: Host | None) -> None:
     for topic, reason in account.skipped.items():
         typer.echo(f"{topic}: not published: {reason}", err=True)
     typer.echo(
-        f"{account.published.total()} messages over {account.bag_seconds:.1f} s in {account.wall_seconds:.1f} s, "
-        f"{account.total_lost} lost, {account.unanswered.total()} unanswered"
+        f"{counted(account.published.total(), 'message')} over {account.bag_seconds:.1f} s in "
+        f"{account.wall_seconds:.1f} s, {account.total_lost} lost, {account.unanswered.total()} unanswered"
     )

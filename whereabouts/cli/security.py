@@ -7,9 +7,13 @@ from typing import Annotated
 
 import typer
 
+from whereabouts.cli.common import target_folder
+
 
 def security(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the policies, one file each.")],
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for the policies, one file each.", callback=target_folder)
+    ],
     config: Annotated[
         Path | None, typer.Option("--config", help="The suite's file, as of `whereabouts run --config`.")
     ] = None,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from whereabouts.cli.common import JsonFile, TopicToUse, target_file, target_folder, write_figures
+from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
     from registration.laser.scan import Scan
@@ -105,8 +106,8 @@ def _label(
     if pictures is not None:
         draw(pictures, scans, labels, stamps)
     typer.echo(
-        f"{len(scans)} scans, {moving} of {returned} labelled beams move, {len(scans) / max(elapsed, 1e-9):.0f} "
-        f"scans/s{f', written to {out}' if out else ''}"
+        f"{counted(len(scans), 'scan')}, {moving} of {returned} labelled beams move, "
+        f"{len(scans) / max(elapsed, 1e-9):.0f} scans/s{f', written to {out}' if out else ''}"
     )
     figures: dict[str, Any] = {"source": str(source), "scans": len(scans), "moving_beams": moving}
     figures |= {"labelled_beams": returned, "scans_per_second": len(scans) / max(elapsed, 1e-9)}

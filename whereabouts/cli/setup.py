@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from whereabouts.cli.common import JsonFile, file_to_write, write_figures
+from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
     from whereabouts.robot.survey import Survey
@@ -44,6 +45,9 @@ def setup(
         typer.Option("--look/--no-look", help="Look at the robot or the bag; without, write the preset."),
     ] = True,
     seconds: Seconds = 5.0,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the file; without, one that exists is kept.")
+    ] = False,
     json_file: JsonFile = None,
 ) -> None:
     """Look at a robot and write the parameters that the suite needs for it, with reasons.
@@ -58,7 +62,10 @@ def setup(
     from whereabouts.robot.robot_file import as_text, parameters
     from whereabouts.robot.survey import Survey
     from whereabouts.system.atomic import atomic_path
+    from whereabouts.system.log_errors import WriteError
 
+    if out.exists() and not overwrite:
+        raise WriteError(out, "exists and was kept; --overwrite replaces it, --out names another file")
     wanted = None if preset is None else preset_of(preset)
     if not look and wanted is None:
         raise typer.BadParameter("--no-look needs --preset")
@@ -71,7 +78,7 @@ def setup(
     write_figures(json_file, {"parameters": parameters(choice), "findings": [vars(item) for item in said]})
     if errors:
         raise InputError(
-            f"{out} was not written: {errors} {'thing stands' if errors == 1 else 'things stand'} in the way"
+            f"{out} was not written: {counted(errors, 'thing stands', 'things stand')} in the way"
         )
     with atomic_path(out) as temporary:
         temporary.write_text(as_text(choice, said, survey.source), encoding="utf-8")

@@ -24,6 +24,7 @@ from whereabouts.cli.common import (
     reading,
     write_figures,
 )
+from whereabouts.system.counting import counted
 
 Read = Callable[[str], AbstractContextManager[LogReading]]
 
@@ -131,7 +132,8 @@ def _map(
     duration = max(mapped.stamps) - min(mapped.stamps)
     keyframes = len(mapped.slam.keyframes)
     typer.echo(
-        f"{len(poses)} scans over {duration:.1f} s, {keyframes} keyframes, {len(mapped.closures)} closures, "
+        f"{counted(len(poses), 'scan')} over {duration:.1f} s, {counted(keyframes, 'keyframe')}, "
+        f"{counted(len(mapped.closures), 'closure')}, "
         f"{len(poses) / elapsed:.0f} scans/s, {duration / elapsed:.0f} times real time"
     )
     return {
@@ -168,8 +170,8 @@ def _locate(read: Read, wheels: bool, in_map: Path, initial: str | None, out: Pa
     after = known[0][0] - start if known else None
     when = "never found" if after is None else f"found after {after:.1f} s"
     typer.echo(
-        f"{len(located.stamps)} scans over {duration:.1f} s, {when}, known for {len(known)} scans, "
-        f"confirmed by {confirmed}, {duration / elapsed:.0f} times real time"
+        f"{counted(len(located.stamps), 'scan')} over {duration:.1f} s, {when}, "
+        f"known for {counted(len(known), 'scan')}, confirmed by {confirmed}, {duration / elapsed:.0f} times real time"
     )
     return {
         "map": str(in_map),

@@ -20,6 +20,7 @@ from whereabouts.cli.common import (
     reading,
     write_figures,
 )
+from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
     from whereabouts.recorded.people_tracks import TrackedScan
@@ -118,8 +119,9 @@ def track(
         _write(out, (*COLUMNS, *OF_ALL) if every else COLUMNS, rows)
     scans, labels, most = len(stamps), len({row[1] for row in rows}), max(counts)
     duration = stamps[-1] - stamps[0]
+    told = counted(labels, "target") if every else counted(labels, "person", "people")
     typer.echo(
-        f"{scans} scans over {duration:.1f} s: {labels} {'targets' if every else 'people'}, at most {most} at a time, "
+        f"{counted(scans, 'scan')} over {duration:.1f} s: {told}, at most {most} at a time, "
         f"{len(rows) / scans:.2f} per scan, {scans / elapsed:.0f} scans/s{f', written to {out}' if out else ''}"
     )
     figures = {"source": str(source), "scans": scans, "labels": labels, "most_at_once": most}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from whereabouts.cli.common import JsonFile, file_to_write, write_figures
+from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
     from whereabouts.viewer.picture_sink import PictureSink
@@ -74,9 +75,9 @@ def view(
             else _live(sink, until, prefix)
         )
     for reason, count in scene.skipped.items():
-        typer.echo(f"{count} messages not shown: {reason}", err=True)
+        typer.echo(f"{counted(count, 'message')} not shown: {reason}", err=True)
     target = save or picture
-    typer.echo(f"{scene.taken} messages shown{f', written to {target}' if target else ''}")
+    typer.echo(f"{counted(scene.taken, 'message')} shown{f', written to {target}' if target else ''}")
     write_figures(json_file, {"messages": scene.taken, "skipped": scene.skipped.total()})
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from whereabouts.cli.common import JsonFile, file_to_write, write_figures
+from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
     from whereabouts.parameters.world_model import WorldModelParameters
@@ -220,9 +221,9 @@ def _take_in(
             if file is not None:
                 file.write(json.dumps(state_record(model, state)) + "\n")
     for reason, number in refused.items():
-        typer.echo(f"{number} messages refused: {reason}", err=True)
+        typer.echo(f"{counted(number, 'message')} refused: {reason}", err=True)
     for reason, number in left_out.items():
-        typer.echo(f"{number} detections left out: {reason}", err=True)
+        typer.echo(f"{counted(number, 'detection')} left out: {reason}", err=True)
     health = model.health
     figures |= {
         "messages": count,
@@ -235,7 +236,7 @@ def _take_in(
     if model.store is not None and model.store.problem:
         typer.echo(model.store.problem, err=True)
     typer.echo(
-        f"{count} messages, {figures['mean_update_ms']:.2f} ms each: {figures['objects']} objects"
+        f"{counted(count, 'message')}, {figures['mean_update_ms']:.2f} ms each: {counted(figures['objects'], 'object')}"
         f"{f', written to {out}' if out else ''}{f', kept in {settings.store_path}' if settings.store_path else ''}"
     )
 
@@ -287,13 +288,22 @@ def _usable(
         yield look.stamp, evidence
 
 
+class _Watched(list[tuple[float, "WorldEvidence"]]):
+    """Stamps and evidence; whoever goes through them shows how far it is."""
+
+    def __iter__(self) -> Iterator[tuple[float, WorldEvidence]]:
+        from whereabouts.system.progress import track
+
+        return track(super().__iter__(), "learning", total=len(self))
+
+
 def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dict[str, Any]) -> None:
     import json
 
     from whereabouts.system.atomic import atomic_path
     from world_model.learning import learn
 
-    looks = list(_usable(_looks(source, settings), settings))
+    looks = _Watched(_usable(_looks(source, settings), settings))
     learned = learn(looks, settings.world)
     changed = {}
     for name in settings.model_dump():
@@ -309,7 +319,7 @@ def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dic
     }
     given = {**settings.model_dump(), **changed}
     lines = [
-        f"# Learned from {source.name}: {len(looks)} looks, {learned.objects} objects.",
+        f"# Learned from {source.name}: {counted(len(looks), 'look')}, {counted(learned.objects, 'object')}.",
         "/**:",
         "  ros__parameters:",
     ]
@@ -320,4 +330,6 @@ def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dic
         typer.echo(f"{name}: {getattr(settings.world, name):g} -> {value:g}")
     for name, share in sorted(learned.by_class.items()):
         typer.echo(f"{name}: detected in {100 * share:.0f} % of the observations")
-    typer.echo(f"{len(looks)} observations, {learned.objects} objects, written to {out}")
+    typer.echo(
+        f"{counted(len(looks), 'observation')}, {counted(learned.objects, 'object')}, written to {out}"
+    )

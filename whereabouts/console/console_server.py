@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
@@ -65,7 +66,11 @@ class Console:
         if self._open:
             # Else a page of somebody else's could ask under a name that leads here.
             middleware.append(Middleware(TrustedHostMiddleware, allowed_hosts=list(LOCAL_HOSTS)))
-        return Starlette(routes=routes, middleware=middleware, lifespan=self._telling)
+        # Also for an address or a method that there is not.
+        errors = {HTTPException: _refused}
+        return Starlette(
+            routes=routes, middleware=middleware, exception_handlers=errors, lifespan=self._telling
+        )
 
     async def _show(self, request: Request) -> Response:
         return HTMLResponse(self._page, headers={"Content-Security-Policy": _CSP, "X-Frame-Options": "DENY"})
@@ -191,6 +196,11 @@ async def _answered(answer: Any) -> Response:
     except WhereaboutsError as error:
         return _refusal(str(error), 400)
     return response
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return _refusal(f"{request.method} {request.url.path}: {error.detail}", error.status_code)
 
 
 def _refusal(sentence: str, status: int) -> Response:

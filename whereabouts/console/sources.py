@@ -7,9 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from estimation.errors import WhereaboutsError
+from estimation.errors import InputError, WhereaboutsError
 from whereabouts.console.shown import Shown, empty, thing
 from world_model.memory.store import Store
+from world_model.memory.store_file import is_store
+from world_model.queries import Words
 from world_model.questions import Recall, recall
 
 T = TypeVar("T")
@@ -48,11 +50,14 @@ class Source(Protocol):
 
 
 class StoreSource:
-    """A store, also one that a node is writing. Raises StoreError where it cannot be read."""
+    """A store, also one that a node is writing. Raises WhereaboutsError where it is none, or cannot be read."""
 
     live = False
 
     def __init__(self, path: Path) -> None:
+        # A store that is read opens any file, as an empty world.
+        if path.is_file() and not is_store(path):
+            raise InputError(f"{path}: is no world model's store")
         self._store = Store(path, read_only=True)
         self._lock = threading.Lock()
 
@@ -77,8 +82,8 @@ class StoreSource:
 
     def world_at(self, stamp: float) -> Shown:
         with self._lock:
-            items = self._store.objects_at(stamp)
-        return {**empty(), "stamp": stamp, "things": [thing(item) for item in items]}
+            items, words = self._store.objects_at(stamp), Words(self._store.places())
+        return {**empty(), "stamp": stamp, "things": [thing(words.described(item)) for item in items]}
 
     def picture(self) -> bytes | None:
         return None

@@ -41,6 +41,7 @@ from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.inputs import EVENTS
 from whereabouts.parameters.motion_predictor import MotionPredictorParameters
+from whereabouts.system.counting import counted
 from whereabouts.system.state_files import StateFiles, keep_foreign
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.srv import LoadState, Reset, SaveState
@@ -208,12 +209,15 @@ class MotionPredictorNode(SuiteNode):
         path = self._path(request, making=True)
         keep_foreign(path, is_saved_model, "a saved intention model")
         response.path = str(self._model.save(path, self.settings.map_id))
-        response.code, response.message = response.SUCCESS, f"{self._model.learned} trajectories saved"
+        response.code, response.message = response.SUCCESS, f"{self._learned()} saved"
         return response
+
+    def _learned(self) -> str:
+        return counted(self._model.learned, "trajectory", "trajectories")
 
     def _load(self, request: LoadState.Request, response: LoadState.Response) -> LoadState.Response:
         self._adopt(self._path(request))
-        response.code, response.message = response.SUCCESS, f"{self._model.learned} trajectories loaded"
+        response.code, response.message = response.SUCCESS, f"{self._learned()} loaded"
         return response
 
     def _path(self, request: Any, making: bool = False) -> Path:

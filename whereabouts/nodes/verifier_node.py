@@ -24,6 +24,7 @@ from whereabouts.nodes.messages.world_reading import grid_from_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.parameters.verifier import VerifierParameters
+from whereabouts.system.counting import counted
 from whereabouts_msgs.action import VerifyObject
 from whereabouts_msgs.msg import ObjectEvidence, Region
 from world_model.tasks.appearance import Appearance
@@ -132,7 +133,7 @@ class VerifierNode(SuiteNode):
         result.code = {"found": result.FOUND, "occluded": result.OCCLUDED, "not_found": result.NOT_FOUND}[
             said
         ]
-        share = f"{verification.visible:.0%} of the region seen in {verification.frames} frames"
+        share = f"{verification.visible:.0%} of the region seen in {counted(verification.frames, 'frame')}"
         result.message = f"{request.object_id or request.class_name}: {said.replace('_', ' ')}, {share}"
         if said == FOUND:
             position, covariance = verification.measurement(SIGMA)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -123,7 +123,8 @@ class EvidenceLog:
 
     def _decoder(self, topic: Topic) -> Decoder:
         if topic.name not in self._decoders:
-            self._decoders[topic.name] = Decoder(topic)
+            # What `open_raw` hands out is CDR already.
+            self._decoders[topic.name] = Decoder(replace(topic, to_cdr=None))
         return self._decoders[topic.name]
 
     def _look(self, type_name: str, message: Any, last: bool) -> LoggedLook:

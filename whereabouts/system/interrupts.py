@@ -2,19 +2,41 @@
 
 from __future__ import annotations
 
+import os
+import re
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
+
+AGAIN = 0.002
+"""s after which an interrupt that came at a bad moment comes again."""
+
+# Modules that Numba calls for arguments and results, and rclpy for messages. Where these raise, the one ends the
+# process, the other says that it could not convert them.
+CALLED = re.compile(r"numba\.core\.serialize$|namedtuple_|\w+\.(msg|srv|action)\._")
 
 
 def listen_to_interrupts() -> None:
-    """Let SIGINT raise KeyboardInterrupt again: a shell's background job inherits that it is ignored."""
-    if (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    """Let SIGINT raise KeyboardInterrupt, but where compiled code would break.
+
+    A shell's background job inherits that it is ignored.
+    """
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) in (
+        signal.SIG_IGN,
+        signal.default_int_handler,
     ):
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, _interrupt)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    while frame is not None:
+        if CALLED.match(str(frame.f_globals.get("__name__"))):
+            threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 def raise_if_interrupt(error: Exception) -> None:

@@ -22,6 +22,7 @@ from loop_closure.slam.editing import nearest_closure
 from loop_closure.slam.trajectory import Slam
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.ros.base import SuiteNode
+from whereabouts.system.counting import counted
 
 REACH = 3.0  # metres from a clicked point within which a closure is meant
 
@@ -91,7 +92,7 @@ class MapEditing:
         response.success = True
         response.message = (
             f"the revisit at ({at[0]:.1f}, {at[1]:.1f}) of scans at {first:.1f} s and {second:.1f} s: "
-            f"{count} closures taken out, {left} are left"
+            f"{counted(count, 'closure')} taken out, {counted(left, 'is', 'are')} left"
         )
         self._node.get_logger().info(response.message)
         return response

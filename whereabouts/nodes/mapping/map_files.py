@@ -16,6 +16,7 @@ from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.system.atomic import atomic_path
+from whereabouts.system.counting import counted
 from whereabouts.system.state_files import StateFiles, keep_foreign
 from whereabouts_msgs.srv import LoadMap, SaveMap
 
@@ -40,7 +41,7 @@ class MapFiles:
         response.path = str(self.save_map(self.named(request.path, making=True)))
         response.code, response.message = (
             SaveMap.Response.SUCCESS,
-            f"{len(self._map.slam.keyframes)} keyframes written",
+            f"{counted(len(self._map.slam.keyframes), 'keyframe')} written",
         )
         return response
 
@@ -80,7 +81,7 @@ class MapFiles:
                 )
             initial = pose_from_message(request.initial_pose.pose)[PLANAR]
         count = self._map.begin_with(path.with_name(path.name + ".npz"), request.localization_only, initial)
-        response.code, response.message = LoadMap.Response.SUCCESS, f"{count} keyframes read"
+        response.code, response.message = LoadMap.Response.SUCCESS, f"{counted(count, 'keyframe')} read"
         return response
 
     def named(self, name: str, making: bool = False) -> Path:

@@ -21,6 +21,7 @@ from registration.laser.scan import Scan
 from whereabouts.nodes.messages.conversions import spatial
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.system.atomic import atomic_path
+from whereabouts.system.counting import counted
 
 Array = NDArray[np.float64]
 DRAWN = 12  # keyframes drawn into the map's grid with one scan
@@ -145,7 +146,7 @@ class MapInUse:
         self.earlier = None
         self._look_in(slam, not localization_only, initial)
         self._node.get_logger().info(
-            f"{path}: {len(slam.keyframes)} keyframes; looking for the robot in them"
+            f"{path}: {counted(len(slam.keyframes), 'keyframe')}; looking for the robot in them"
         )
         return len(slam.keyframes)
 

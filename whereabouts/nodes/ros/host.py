@@ -80,6 +80,7 @@ class Host:
             raise OSError(ctypes.get_errno(), "children of children cannot be adopted here")
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket = ours
+        self._loaded = False
         ours.settimeout(READY_WITHIN)
         with theirs:
             self._process = subprocess.Popen(
@@ -99,6 +100,12 @@ class Host:
         atexit.register(host.end)
         return host
 
+    def wait(self) -> None:
+        """Until it has loaded. Raises OSError."""
+        if not self._loaded and not self._socket.recv(64):
+            raise ConnectionError("the host of the nodes has ended")
+        self._loaded = True
+
     def start(self, command: list[str], log: Path, environment: Mapping[str, str]) -> Forked:
         """Fork a node. command : as for a process of its own, `python -m MODULE ...`. Raises OSError."""
         module, arguments = command[2], command[3:]
@@ -106,6 +113,7 @@ class Host:
             "module": module, "arguments": arguments, "log": str(log), "environment": dict(environment),
             "folder": os.getcwd(),
         }  # fmt: skip
+        self.wait()
         self._socket.send(json.dumps(request).encode())
         answer = self._socket.recv(64)
         if not answer:
@@ -128,6 +136,7 @@ def serve(connection: socket.socket) -> None:
     _load()
     # What is here stays, and collecting must not touch it: pages that nobody writes to are shared.
     settle()
+    connection.send(b"loaded")
     while request := connection.recv(LONGEST):
         ends = os.pipe()
         between = os.fork()
@@ -135,7 +144,7 @@ def serve(connection: socket.socket) -> None:
             node = os.fork()
             if node == 0:
                 connection.close()
-                _become(json.loads(request))
+                _become(request)
             os.write(ends[1], str(node).encode())
             os._exit(0)
         os.close(ends[1])
@@ -164,9 +173,10 @@ def _wait_for_parent(supervisor: int) -> None:
         time.sleep(0.001)
 
 
-def _become(request: dict[str, Any]) -> None:
+def _become(asked: bytes) -> None:
     """This process is the node from now on; never returns."""
     try:
+        request: dict[str, Any] = json.loads(asked)
         _wait_for_parent(int(request["environment"].get(SUPERVISOR_VARIABLE, 0)))
         os.setsid()
         out = os.open(request["log"], os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)

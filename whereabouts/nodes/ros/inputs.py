@@ -25,6 +25,7 @@ from whereabouts.nodes.messages.transforms import Pairs
 from whereabouts.nodes.ros.budget import BUDGETS, DEFAULT, Purse
 from whereabouts.nodes.ros.input_counts import InputCounts, MessageGaps
 from whereabouts.system.clocks import SourceClock
+from whereabouts.system.counting import counted
 from whereabouts_msgs.msg import Processed
 
 if TYPE_CHECKING:
@@ -175,7 +176,7 @@ class Input:
                 self.watch_publishers()
             if lost := self.gaps.check_sequence(sequence):
                 self._node.complain(
-                    f"{self.topic}: {lost} messages lost on the way", key=(self.topic, "lost")
+                    f"{self.topic}: {counted(lost, 'message')} lost on the way", key=(self.topic, "lost")
                 )
         stamp = self.opener.stamp_of(message)
         try:

@@ -198,22 +198,30 @@ class Supervisor:
         self._log_directory.mkdir(parents=True, exist_ok=True)
         log = self._log_directory / f"{spec.full_name.strip('/').replace('/', '.')}.log"
         log.unlink(missing_ok=True)
+        if self._hosted:
+            try:
+                # It takes seconds, in which Ctrl-C has nothing to end yet.
+                self._host = self._host or Host()
+                self._host.wait()
+            except OSError as error:
+                self._go_on_without_host(error)
         # An interrupt between the process and its entry here would leave a node that nobody ends.
         with _interrupt_later():
             self.nodes[spec.full_name] = ManagedNode(spec, log, os.environ, self._launch)
         return self.nodes[spec.full_name]
 
     def _launch(self, command: list[str], log: Path, environment: Mapping[str, str]) -> Process:
-        if self._hosted:
+        if self._host is not None:
             try:
-                if self._host is None:
-                    self._host = Host()
                 return self._host.start(command, log, environment)
             except OSError as error:
-                self._hosted = False
-                self._end_host()
-                self._on_event(f"nodes are started one by one: {error or type(error).__name__}")
+                self._go_on_without_host(error)
         return launch_alone(command, log, environment)
+
+    def _go_on_without_host(self, error: OSError) -> None:
+        self._hosted = False
+        self._end_host()
+        self._on_event(f"nodes are started one by one: {error or type(error).__name__}")
 
     @property
     def host_pid(self) -> int | None:

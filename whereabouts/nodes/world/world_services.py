@@ -12,6 +12,7 @@ from estimation.errors import InputError
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.messages.world_messages import object_message, region_from_message
+from whereabouts.system.counting import counted
 from whereabouts.system.state_files import StateFiles
 from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
 from world_model.camera.rates import SUFFIX as CAMERA_SUFFIX
@@ -56,7 +57,7 @@ class WorldServices:
         if request.object_id and answers and not moment:
             routine = self._node.model.explain(request.object_id)
             response.descriptions[0] += f". {routine}" if routine else ""
-        response.code, response.message = response.SUCCESS, f"{len(answers)} objects"
+        response.code, response.message = response.SUCCESS, counted(len(answers), "object")
         return response
 
     def _forget(
@@ -75,7 +76,7 @@ class WorldServices:
             self._node.model.forget(name)
             response.object_ids.append(name)
         self._node.after_change()
-        response.code, response.message = response.SUCCESS, f"{len(names)} objects forgotten"
+        response.code, response.message = response.SUCCESS, f"{counted(len(names), 'object')} forgotten"
         return response
 
     def _relabel(
