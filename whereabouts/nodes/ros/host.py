@@ -136,7 +136,8 @@ def serve(connection: socket.socket) -> None:
     _load()
     # What is here stays, and collecting must not touch it: pages that nobody writes to are shared.
     settle()
-    connection.send(b"loaded")
+    with suppress(OSError):  # who asked may be gone by now
+        connection.send(b"loaded")
     while request := connection.recv(LONGEST):
         ends = os.pipe()
         between = os.fork()
