@@ -117,14 +117,20 @@ def read_table(path: Path, environment: str) -> Recording:
     """Places of `loop_pairs_3d/raw_training_data.csv`: x, y, z, 32 scalar features and 9 range histograms a row.
 
     Two rows that stand at the same position within a millimetre stay two places.
+
+    Raises InputError for any other table.
     """
-    with path.open(encoding="utf-8") as lines:
-        sizes = [int(size) for size in lines.readline().split(",")[1:] if size.strip()]
-        next(lines)
-        rows = np.loadtxt(lines, delimiter=",")
-    if len(sizes) != 1 + len(BIN_WIDTHS) or rows.shape[1] != 3 + sum(sizes):
+    try:
+        with path.open(encoding="utf-8") as lines:
+            sizes = [int(size) for size in lines.readline().split(",")[1:] if size.strip()]
+            rest = lines.readlines()[1:]
+        rows = np.loadtxt(rest, delimiter=",", ndmin=2) if rest else np.zeros((0, 3))
+    except ValueError as error:
+        raise InputError(f"{path}: is no table of 3D features, which a .csv is taken for: {error}") from error
+    if len(sizes) != 1 + len(BIN_WIDTHS) or rows.shape[1] != 3 + sum(sizes) or len(rows) < 2:
         raise InputError(
-            f"{path}: {3 + sum(sizes)} columns expected by its first line, there are {rows.shape[1]}"
+            f"{path}: two places or more of {3 + sum(sizes)} columns expected by the first line, "
+            f"there are {len(rows)} of {rows.shape[1]}"
         )
     ends = np.cumsum(sizes[1:])[:-1]
     limit = sizes[1] * BIN_WIDTHS[0]

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from estimation.errors import InputError
 from loop_closure import PlaceModel
 from whereabouts.cli.main import app
 from whereabouts.datasets import recording
-from whereabouts.system.log_errors import LogError
 
 runner = CliRunner()
 
@@ -73,18 +73,19 @@ def test_clouds_are_read_from_their_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("stamp,x,y\n1,2,3\n", ", line 1: 10 numbers expected in a table of 3D features"),
-        ("sizes:,1,2,3,4,5,6,7,8,9,10\nx,y,z\n1,2,x\n", ", line 3: 58 numbers expected"),
-        ("sizes:,1,2,3,4,5,6,7,8,9,10\nx,y,z\n" + "1," * 57 + "1\n", ": at least two places are needed"),
-        ("", ", line 1: 10 numbers expected"),
+        ("stamp,x,y\n1,2,3\n", "is no table of 3D features, which a .csv is taken for"),
+        ("sizes:,1,2,3,4,5,6,7,8,9,10\nx,y,z\n1,2,x\n", "could not convert string 'x'"),
+        ("sizes:,1,2,3,4,5,6,7,8,9,10\nx,y,z\n" + "1," * 57 + "1\n", "two places or more of 58 columns"),
+        ("", "two places or more of 3 columns"),
     ],
 )
 def test_a_table_of_something_else_is_one_sentence(tmp_path: Path, text: str, message: str) -> None:
     table = tmp_path / "other.csv"
     table.write_text(text)
     result = runner.invoke(app, ["loops", "evaluate", str(table)])
-    assert isinstance(result.exception, LogError)
-    assert str(result.exception).startswith(f"{table}{message}")
+    assert isinstance(result.exception, InputError)
+    assert str(result.exception).startswith(f"{table}: ")
+    assert message in str(result.exception)
 
 
 def test_what_cannot_be_done_is_said_in_a_sentence(tmp_path: Path) -> None:

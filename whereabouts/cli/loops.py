@@ -19,20 +19,11 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Train, evaluate and inspect the loop-closure classifier.", no_args_is_help=True)
 
 
-def _logs(logs: list[str]) -> list[str]:
-    """Callback of LOG: a .csv that is no table of 3D features is refused before any work."""
-    for path in (Path(log.partition("@")[0]) for log in logs):
-        if path.suffix == ".csv":
-            _check_table(path)
-    return logs
-
-
 Logs = Annotated[
     list[str],
     typer.Argument(
         metavar="LOG...",
         help="Logs with poses (any readable log), or a .csv of 3D features. LOG@PLACE names the building.",
-        callback=_logs,
     ),
 ]
 Method = Annotated[str, typer.Option("--method", help="plain: the reference's AdaBoost. best: the cascade.")]
@@ -259,33 +250,6 @@ def inspect(
         typer.echo(f"  error by rounds, %:         {errors}")
         typer.echo(f"  alike at different places:  {found['repetitive']}")
     write_figures(json_file, {"results": results})
-
-
-def _check_table(path: Path) -> None:
-    """The first line has the numbers of features, those from the third on three coordinates and the features.
-
-    Raises DamagedLogError.
-    """
-    from loop_closure.places.features import BIN_WIDTHS
-    from whereabouts.system.log_errors import DamagedLogError
-
-    count = 1 + len(BIN_WIDTHS)
-    number = 0
-    with path.open(encoding="utf-8", errors="replace") as lines:
-        for number, line in enumerate([lines.readline(), *lines], 1):
-            if number == 2:
-                continue
-            words = line.strip().strip(",").split(",")[number == 1 :]
-            try:
-                numbers = [float(word) for word in words]
-            except ValueError:
-                numbers = []
-            if len(numbers) != count:
-                what = "in a table of 3D features, which a .csv is taken for"
-                raise DamagedLogError(path, f"{count} numbers expected {what}", f"line {number}")
-            count = 3 + int(sum(numbers)) if number == 1 else count
-    if number < 4:
-        raise DamagedLogError(path, f"at least two places are needed, there are {max(number - 2, 0)}")
 
 
 def _method(method: str) -> str:
