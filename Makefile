@@ -44,8 +44,9 @@ lint: setup-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# One more than the two cores that there should be: tests of nodes wait for most of their time.
 test: lint
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 3
 
 # Compiled functions check every index here; what they compile to is kept apart from the ordinary cache.
 test-bounds: setup-test
