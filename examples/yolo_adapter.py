@@ -1,5 +1,7 @@
 """Detections of yolo_ros (yolo_msgs/DetectionArray) as vision_msgs/Detection2DArray, for the node world_model."""
 
+from contextlib import suppress
+
 import rclpy
 from rclpy.node import Node
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
@@ -13,9 +15,8 @@ class YoloAdapter(Node):
         self.create_subscription(DetectionArray, "detections_in", self.pass_on, 10)
 
     def pass_on(self, message):
-        result = Detection2DArray(
-            header=message.header
-        )  # stamp and frame of the image; empty where nothing was found
+        # Stamp and frame of the image; empty where nothing was found.
+        result = Detection2DArray(header=message.header)
         for found in message.detections:
             item = Detection2D(header=message.header, id=found.id)
             item.bbox.center.position.x = found.bbox.center.position.x
@@ -29,4 +30,5 @@ class YoloAdapter(Node):
 
 
 rclpy.init()
-rclpy.spin(YoloAdapter())
+with suppress(KeyboardInterrupt):
+    rclpy.spin(YoloAdapter())
