@@ -89,7 +89,8 @@ def test_imports_of_the_real_tree_are_found_as_python_finds_them() -> None:
     )
     loaded = {Path(file).relative_to(root).as_posix() for file in done.stdout.split()}
     own = Path(estimation.learning.gradient_boosting.__file__).relative_to(root).as_posix()
-    files = digests(root)
+    # All of one package: to read the whole tree for each file would take long.
+    files = [file for file in digests(root) if file.startswith("estimation/")]
     kernels = [file for file in loaded if not file.endswith("__init__.py")]
     assert len(kernels) > 3
     assert [file for file in kernels if own not in dependents(root, files, [file])] == []
