@@ -30,9 +30,10 @@ SPAN = 0.5 * AROUND
 LONG = 4.0  # s between scans from which on all is due, as where scans have no stamps
 MEMORY = 60  # keyframes for which a vote counts
 LOST_AFTER = 8.0  # metres of standard deviation beyond which the place is given up
-UNPROVEN = (
-    10.0  # metres of path after which a pose that was only said, and never seen to be true, is given up
-)
+# Metres of path after which a pose that was said, and never seen to be true, is given up. One that was found is sooner:
+# a part of the building that the map has not may look like one that it has, but not for long. It is given up once more
+# of the path since then went without confirmation than with, until it was confirmed over as many metres.
+UNPROVEN = 10.0
 PER_SECOND = (
     10.0  # parts of the map a lost robot is laid on: half a processor's time, as one takes 10 to 50 ms
 )
@@ -74,7 +75,7 @@ class Localizer:
         self.correction: FloatArray | None = None  # the odometry frame in the map
         self._sigma, self._turn = 1.0, 0.35
         self._unproven = 0.0  # metres travelled without confirmation by the map, over those with it
-        self._proven = False
+        self._credit = 0.0  # and how many of them it takes to give the pose up
         self._votes: list[_Vote] = []
         self._serial, self._path = 0, 0.0
         # Placements of the newest keyframe that are still to be looked for, its odometry, and of how many now.
@@ -118,7 +119,7 @@ class Localizer:
         if self._pending is not None:
             self.correction = compose(self._pending, invert(here))
             self._pending = None
-            self._recent, self._unproven, self._proven, self._looking = Keyframes(), 0.0, False, None
+            self._recent, self._unproven, self._credit, self._looking = Keyframes(), 0.0, UNPROVEN, None
         before, self._before = self._before, (here, scan.stamp if isinstance(scan, Scan) else 0.0)
         self._due = self._due if self._looking else 0.0
         if before is not None:
@@ -135,22 +136,22 @@ class Localizer:
             self._recent.take_out(np.maximum(np.arange(len(self._recent)) - 3 * MOST, -1))
         self._serial, self._path = self._serial + 1, self._path + travelled
         self._sigma, self._turn = self._sigma + DRIFT[0] * travelled, self._turn + DRIFT[1] * travelled
-        if self._given_up:
+        if self._sigma >= LOST_AFTER:
             self.correction = None
-        if self._looking is not None:
-            self._decide()
         sure = self.correction is not None and self._follow(here)
         self._unproven = max(self._unproven + (-travelled if sure else travelled), 0.0)
+        if sure:
+            self._credit = self._credit + travelled if self._credit < UNPROVEN else np.inf
+        if self._unproven > self._credit:
+            self.correction = None
+        if self._looking is not None:
+            sure = self._decide() or sure
         # Where more of the path goes without confirmation than with, the robot may have been carried away.
         if self.correction is None or self._unproven > UNPROVEN:
             self._looking = self._map.search(self._recent, self.correction is None)
             self._key = here
             sure = self._look() or sure
         return self._said(here, sure)
-
-    @property
-    def _given_up(self) -> bool:
-        return self._sigma >= LOST_AFTER or (not self._proven and self._unproven > UNPROVEN)
 
     def _said(self, here: FloatArray, sure: bool) -> Located:
         return Located(None if self.correction is None else compose(self.correction, here), sure)
@@ -162,11 +163,8 @@ class Localizer:
         if found is None:
             return False
         self.correction = compose(found, invert(here))
-        self._believe(0.05, 0.02)
+        self._sigma, self._turn = 0.05, 0.02
         return True
-
-    def _believe(self, sigma: float, turn: float) -> None:
-        self._sigma, self._turn, self._proven = sigma, turn, True
 
     def _look(self) -> bool:
         """Try as many parts of the map as are due, in turn; whether with the last of them a place has won."""
@@ -180,8 +178,8 @@ class Localizer:
         return False
 
     def _decide(self) -> bool:
-        """Let the placements vote; whether a place has won."""
-        self._looking, here = None, self._key
+        """Let the placements vote; whether a place has won, and the newest keyframe is found there."""
+        self._looking, here = None, self._recent[-1].odometry
         self._votes = [vote for vote in self._votes if self._serial - vote.serial < MEMORY]
         if not self._votes:
             return False
@@ -194,9 +192,12 @@ class Localizer:
         rivals = [groups[n][0] for n in np.flatnonzero(~agree[best])]
         if count < VOTES or span < SPAN or max(rivals, default=0.0) >= 0.7 * merit:
             return False
-        self.correction = self._votes[best].correction
-        self._believe(0.2, 0.05)
-        self._unproven = 0.0
+        before = self.correction, self._sigma, self._turn
+        self.correction, self._sigma, self._turn = self._votes[best].correction, 0.2, 0.05
+        if not self._follow(here):
+            self.correction, self._sigma, self._turn = before
+            return False
+        self._unproven = self._credit = 0.0
         self._votes.clear()
         return True
 

@@ -124,6 +124,29 @@ def test_in_another_place_no_pose_is_believed(saved: Slam, initial: bool) -> Non
     assert np.isnan(misses[12 if initial else 0 :]).all()
 
 
+def test_where_a_room_without_map_looks_like_one_with_it_a_wrong_pose_is_soon_given_up() -> None:
+    rng = np.random.default_rng([77, 0])
+    shapes, waypoints = random_floor(rng)
+    drive, lidar = Drive(waypoints, speed=0.6), Lidar(181, np.pi)
+
+    def seen(time: float) -> tuple[Scan, np.ndarray]:
+        return lidar.scan(shapes, drive(time), rng, time).scan, drive(time)
+
+    slam = Slam()
+    for time in np.arange(0.0, 0.45 * drive.duration, 0.25):
+        slam.process(*seen(time), np.diag([1e-4] * 3))
+    slam.finish()
+    home = compound(slam.graph.poses[0], between(drive(0.0), np.zeros(3)))
+    wrong = 0
+    for start in (0.6, 0.8):
+        localizer = Localizer(slam.keyframes, slam.graph.poses)
+        for time in np.arange(start * drive.duration, start * drive.duration + 30.0, 0.25):
+            scan, pose = seen(time)
+            said = localizer.process(scan, pose).pose
+            wrong += said is not None and bool(np.hypot(*between(compound(home, pose), said)[:2]) > 1.0)
+    assert 0.25 * wrong < 5.0
+
+
 def test_a_pose_as_rviz_says_it_is_made_exact_at_once(saved: Slam) -> None:
     way = aside(ROUND[30:36], 0.7, False)
     start = np.linalg.inv(ROUND[0]) @ way[0]
