@@ -60,6 +60,7 @@ class MotionPredictorNode(SuiteNode):
 
     parameters_model = MotionPredictorParameters
     node_name = "motion_predictor"
+    sends_clouds = True
     settings: MotionPredictorParameters
 
     def setup(self) -> None:

@@ -62,7 +62,7 @@ class SuiteNode(LifecycleNode):
     epoch : number of the run; counts up when time goes back. last_run : why the last one began.
     time : what the stamps of all sensors tell. turns : what is kept in a lock-step replay until it is its turn.
     complaints : what was warned of. account : of what was sent.
-    sends_clouds : whether it sends messages of megabytes; see `use_small_segment`.
+    sends_clouds : whether it sends messages of megabytes, clouds or maps; see `use_small_segment`.
     """
 
     parameters_model: ClassVar[type[NodeParameters]] = NodeParameters
