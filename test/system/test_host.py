@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -60,9 +62,26 @@ def test_an_interrupt_while_the_host_loads_ends_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module.Host, "wait", lambda host: signal.raise_signal(signal.SIGINT))
-    with Supervisor(tmp_path, hosted=True) as supervisor, pytest.raises(KeyboardInterrupt):
-        supervisor.start(NodeSpec("verifier"))
+    # Tests that run in the background have it ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with Supervisor(tmp_path, hosted=True) as supervisor, pytest.raises(KeyboardInterrupt):
+            supervisor.start(NodeSpec("verifier"))
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert not supervisor.nodes
+
+
+def test_a_host_whose_asker_is_gone_ends_without_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_load", lambda: None)
+    monkeypatch.setattr(module, "settle", lambda: None)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with theirs, ThreadPoolExecutor(1) as pool:
+        served = pool.submit(module.serve, theirs)
+        # What nobody has read makes the end a reset.
+        assert ours.recv(64, socket.MSG_PEEK) == b"loaded"
+        ours.close()
+        served.result(30.0)
 
 
 def test_without_the_host_nodes_start_alone(tmp_path: Path) -> None:

@@ -136,22 +136,28 @@ def serve(connection: socket.socket) -> None:
     _load()
     # What is here stays, and collecting must not touch it: pages that nobody writes to are shared.
     settle()
-    with suppress(OSError):  # who asked may be gone by now
+    # Who asks may be gone at any moment: nobody is left to tell.
+    with suppress(ConnectionError):
         connection.send(b"loaded")
-    while request := connection.recv(LONGEST):
-        ends = os.pipe()
-        between = os.fork()
-        if between == 0:
-            node = os.fork()
-            if node == 0:
-                connection.close()
-                _become(request)
-            os.write(ends[1], str(node).encode())
-            os._exit(0)
-        os.close(ends[1])
-        os.waitpid(between, 0)
-        connection.send(os.read(ends[0], 64))
-        os.close(ends[0])
+        while request := connection.recv(LONGEST):
+            _fork(request, connection)
+
+
+def _fork(request: bytes, connection: socket.socket) -> None:
+    """Make the node that is asked for, and tell its process id."""
+    ends = os.pipe()
+    between = os.fork()
+    if between == 0:
+        node = os.fork()
+        if node == 0:
+            connection.close()
+            _become(request)
+        os.write(ends[1], str(node).encode())
+        os._exit(0)
+    os.close(ends[1])
+    os.waitpid(between, 0)
+    connection.send(os.read(ends[0], 64))
+    os.close(ends[0])
 
 
 def _load() -> None:
