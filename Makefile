@@ -44,10 +44,9 @@ lint: setup-test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# One more than the two cores that there should be: tests of nodes wait for most of their time. Threads of OpenMP that
-# are more than there are cores wait for each other in a loop.
+# Threads of OpenMP that are more than there are cores wait for each other in a loop.
 test: lint
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 3
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
 
 # Compiled functions check every index here; what they compile to is kept apart from the ordinary cache.
 test-bounds: setup-test
