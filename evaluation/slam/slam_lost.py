@@ -25,7 +25,7 @@ LOGS = ("freiburg-101-corrected.log.gz", "belgioioso-corrected.log.gz", "mit-csa
 STARTS, MOST = 12, 10.0  # drives of a log, in its second half, and metres of each
 NEAR = 3.0  # metres from a keyframe of the map within which a place is mapped
 WRONG = (1.0, 0.3)  # metres and radians
-SEED, FLOORS = 77, 6
+SEED, FLOORS = 78, 6  # register 77 was looked at when the localizer was made
 COLUMNS = [
     "log", "drives", "in the map", "found there, % ↑", "after, m ↓", "elsewhere", "believed there", "wrong ↓",
     "told wrong, m ↓",

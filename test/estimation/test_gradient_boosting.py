@@ -64,6 +64,21 @@ def test_the_same_seed_gives_the_same_model_and_a_saved_model_scores_alike(tmp_p
     )
 
 
+def test_the_decision_is_the_sum_of_walks_down_the_trees() -> None:
+    F, y = problem(400)
+    for depth in (1, 3, 5):
+        model = GradientBoosting(7, depth=depth).fit(F, y)
+        for row, decision in zip(F[:50], model.decision(F[:50]), strict=True):
+            total = 0.0
+            for tree in model.to_dict()["trees"]:
+                k = 0
+                while k < len(tree["features"]):
+                    cut = tree["thresholds"][k]
+                    k = 2 * k + (1 if cut is None or row[tree["features"][k]] <= cut else 2)
+                total += tree["leaves"][k - len(tree["features"])]
+            assert decision == pytest.approx(total, abs=1e-6)
+
+
 def test_a_constant_column_and_a_flat_end_do_no_harm() -> None:
     F, y = problem(300)
     F[:, 3] = 7.0
@@ -103,6 +118,7 @@ def test_wrong_input_is_refused(tmp_path) -> None:
         {**content, "format": "other"},
         {**content, "depth": 3},
         {**content, "feature_count": 1},
+        {**content, "trees": [{**tree, "features": [-1, 0, 0]} for tree in content["trees"]]},
         {key: value for key, value in content.items() if key != "trees"},
     ):
         with pytest.raises(InputError, match="content"):

@@ -10,17 +10,19 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from estimation.errors import InputError
+from estimation.geometry.sight import AGREES, THROUGH
 from evaluation.crf.crf_learning import learned_trees
 from evaluation.crf.crf_metrics import f1_of, scores
 from registration import Scan
 from registration.crf import JointModel
-from registration.crf.beam_evidence import NAMES, evidence
+from registration.crf.beam_evidence import AROUND, FAR, LONG, NAMES, evidence
 from registration.crf.beams import parts_of
 from registration.crf.estimate import JointEstimate
 from registration.crf.labels import groups_as_labels
 from registration.crf.setup import start
 from registration.crf.trees import with_movers
 from registration.crf.window import decide, mean_probability
+from registration.laser.outline import CLEAR
 from whereabouts.simulation import Lidar, random_room
 from whereabouts.simulation.movers import crowd, outlines
 from whereabouts.simulation.scenes.labelled_pairs import LabelledPair, labelled, random_labelled_pairs
@@ -108,6 +110,38 @@ def test_decisions_join_the_object_beside_or_become_one(model: JointModel, pairs
     rows = evidence(begun, said)
     assert rows.shape == (len(begun.a), len(NAMES))
     assert np.isfinite(rows).all()
+
+
+def test_what_the_trees_are_told_is_what_its_name_says(pairs: list[LabelledPair]) -> None:
+    for pair in pairs[:3]:
+        begun = start(pair.scan_a, pair.scan_b)
+        said, a = groups_as_labels(begun), begun.a
+        told = dict(zip(NAMES, evidence(begun, said).T, strict=True))
+        agrees, moving = begun.sight == AGREES, said > 0
+        for prefix, numbers in (("", a.pieces), ("part ", a.parts)):
+            for k, number in enumerate(numbers):
+                same = numbers == number
+                assert told[f"{prefix}agreeing"][k] == pytest.approx(agrees[same].mean())
+                assert told[f"{prefix}in groups"][k] == pytest.approx(moving[same].mean())
+                away = np.linalg.norm(a.points[same][:, None] - a.points[moving][None], axis=2).min(
+                    initial=FAR
+                )
+                assert told[f"{prefix or 'piece '}to mover"][k] == pytest.approx(away)
+        for k in range(len(a)):
+            inside = np.flatnonzero(a.pieces == a.pieces[k])
+            near = np.arange(max(k - AROUND, inside[0]), min(k + AROUND, inside[-1]) + 1)
+            assert told["agreeing near"][k] == pytest.approx(agrees[near].mean())
+            of_cluster = said == said[k]
+            expected = agrees[of_cluster].mean() if said[k] > 0 else -1.0
+            assert told["cluster agreeing"][k] == pytest.approx(expected)
+            kind = agrees + 2 * np.isin(begun.sight, (THROUGH, CLEAR))
+            first = last = k
+            while first > 0 and (kind[first - 1], a.pieces[first - 1]) == (kind[k], a.pieces[k]):
+                first -= 1
+            while last < len(a) - 1 and (kind[last + 1], a.pieces[last + 1]) == (kind[k], a.pieces[k]):
+                last += 1
+            run = np.linalg.norm(np.diff(a.points[first : last + 1], axis=0), axis=1).sum()
+            assert told["run"][k] == pytest.approx(min(run, LONG))
 
 
 def test_a_piece_is_cut_where_one_thing_stands_before_another() -> None:

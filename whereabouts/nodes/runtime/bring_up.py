@@ -45,9 +45,8 @@ class LifecycleClient:
         self._node, self._executor = node, executor
         self._get = node.create_client(GetState, f"{name}/get_state")
         self._change = node.create_client(ChangeState, f"{name}/change_state")
-        self._asked: dict[
-            int, Any
-        ] = {}  # by the state that the step is from, steps whose answers are to come
+        # By the state that the step is from, steps whose answers are to come.
+        self._asked: dict[int, Any] = {}
 
     @property
     def present(self) -> bool:

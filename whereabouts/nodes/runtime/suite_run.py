@@ -15,6 +15,7 @@ from lifecycle_msgs.msg import State
 from rclpy.node import Node
 
 from whereabouts.logs import McapWriter, RawMessage
+from whereabouts.nodes.ros.footprint import PROFILES
 from whereabouts.nodes.ros.host import Host
 from whereabouts.nodes.ros.private_node import leave, private_node
 from whereabouts.nodes.runtime.bring_up import LifecycleClient
@@ -67,7 +68,7 @@ def prepare_environment(private: bool = False) -> None:
 
     private : stay on this machine and on a domain of one's own, unless the user has chosen one.
     """
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_file("fastdds.xml")))
+    os.environ.setdefault(PROFILES, str(config_file("fastdds.xml")))
     if private:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         if "ROS_DOMAIN_ID" not in os.environ:
