@@ -280,7 +280,8 @@ def test_what_was_looked_for_in_vain_is_handed_to_the_search(
         ("world_maintenance", "searches asked for", "maintenance asks for a search"),
         ("object_search", "found", "the search has found the cup"),
     ):
-        run_until(graph, house, lambda: figures(diagnostics, node).get(figure) == "1", what)  # noqa: B023
+        # More than once where the first search was given up.
+        run_until(graph, house, lambda: int(figures(diagnostics, node).get(figure, 0)) > 0, what)  # noqa: B023
 
 
 def test_maintenance_goes_on_when_the_verifier_does_not_answer(
