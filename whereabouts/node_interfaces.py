@@ -86,7 +86,6 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in", "scan", "sensor_msgs/LaserScan", "a level scanner; `odom_frame` → scanner must be in tf at the stamp", "scan_topic"),
         _I("in", "tf", _TF, "where the scanner is"),
         _I("in, latched", "tf_static", _TF, "the same"),
-        _I("in, optional", "segments", "whereabouts_msgs/ScanSegments", "which beams move, by scan registration"),
         _I("in, optional", "odometry", "nav_msgs/Odometry", "how uncertain the robot's pose is, if its frame is `odom_frame`"),
         _I("in, optional", "robot_pose", _POSE, "the same by localisation, if its frame is `odom_frame`; preferred"),
         _I("out", "targets", "whereabouts_msgs/TargetArray", "people in `odom_frame`, one message per scan. The class is a distribution over person and other. Covariances include that of the robot's pose"),

@@ -2,7 +2,7 @@
 
 Consecutive scans show almost no motion; the scans compared with are those half a second and more ago, so that a slow
 walker has gone farther than the noise. A scan for which there is no time is not labelled, and counted; `Pace` says how
-much there is.
+much there is. Odometry does not wait for labels: it does without what moved in the scan before (`ScanSegmenter.still`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
-from estimation.geometry.poses import between, compound, inverse, inverse_covariance
+from estimation.geometry.poses import between, compound, inverse, inverse_covariance, transform_points
 from estimation.settings import check_settings, setting
 from registration.crf.estimate import JointEstimate
 from registration.crf.joint_model import JointModel
@@ -30,6 +31,9 @@ from registration.result import UNKNOWN
 LEAST_LEFT = 0.3  # share of the returned beams that has to stand for odometry to do without the others
 LEAST_BEAMS = 30  # of them, likewise
 SPACING = 0.04  # seconds between scans that are remembered
+SWING = (
+    0.45  # metres around where a beam's body has gone on to: a leg swings ahead of it. 0.3 leaves too much
+)
 
 
 @dataclass(frozen=True)
@@ -76,21 +80,21 @@ class Segmented:
     probabilities: FloatArray
     segments: list[MovingSegment]
 
-    def static(self, scan: Scan) -> Scan:
-        """The scan without what moves, or as it is where too little would be left."""
-        moving = self.labels > 0
-        returned = int(scan.valid.sum())
-        left = returned - int(moving.sum())
-        if not moving.any() or left < max(LEAST_LEFT * returned, LEAST_BEAMS):
-            return scan
-        return scan.without(moving)
-
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
     scan: Scan
     stamp: float
     pose: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Moving:
+    """What a scan showed to move: points (M, 2), m, and velocities (M, 2), m/s, in the frame of the poses."""
+
+    points: FloatArray
+    velocities: FloatArray
+    stamp: float
 
 
 class ScanSegmenter:
@@ -116,6 +120,7 @@ class ScanSegmenter:
     def reset(self) -> None:
         """Forget all scans."""
         self._kept: deque[_Kept] = deque()
+        self._moving: _Moving | None = None
         self._duration = Duration()
         self.labelled = self.skipped = 0
 
@@ -128,6 +133,24 @@ class ScanSegmenter:
         longest = self.config.segment_interval * (self.config.segment_references + 0.5)
         while len(self._kept) > 1 and stamp - self._kept[1].stamp > longest:
             self._kept.popleft()
+
+    def still(self, scan: Scan, stamp: float, pose: FloatArray) -> Scan:
+        """A scan expected at `pose` (3,) without what moved when one was labelled last, as far as it has gone on.
+
+        As it is where that is long ago, or where too little would be left.
+        """
+        moving = self._moving
+        if moving is None or not 0.0 <= stamp - moving.stamp <= self.config.segment_interval:
+            return scan
+        beams = np.flatnonzero(scan.valid)
+        points = transform_points(pose, scan.points())
+        bodies = cKDTree(moving.points + (stamp - moving.stamp) * moving.velocities)
+        gone = np.isfinite(bodies.query(points, distance_upper_bound=SWING)[0])
+        if len(beams) - gone.sum() < max(LEAST_LEFT * len(beams), LEAST_BEAMS):
+            return scan
+        mask = np.zeros(len(scan), dtype=bool)
+        mask[beams[gone]] = True
+        return scan.without(mask)
 
     def fits(self, limit: float) -> bool:
         """Whether a comparison with one earlier scan is expected to take at most `limit` seconds."""
@@ -165,7 +188,9 @@ class ScanSegmenter:
             self._duration.not_done()
             return _unknown(scan)
         self.labelled += 1
-        return _combined(scan, found)
+        segmented = _combined(scan, found)
+        self._moving = _moving(segmented, scan, stamp, pose)
+        return segmented
 
     def _references(self, stamp: float, pose: FloatArray) -> list[_Kept]:
         """Earlier scans to compare with, one per multiple of the interval."""
@@ -179,6 +204,21 @@ class ScanSegmenter:
             if best is not None and best not in chosen:
                 chosen.append(best)
         return chosen
+
+
+def _moving(segmented: Segmented, scan: Scan, stamp: float, pose: FloatArray) -> _Moving | None:
+    """What moves in a labelled scan whose sensor is at `pose` (3,); None where nothing does."""
+    labels = segmented.labels[scan.valid]
+    points, labels = scan.points()[labels > 0], labels[labels > 0]
+    if not len(points):
+        return None
+    ahead = points.copy()  # where each would be a second on
+    for segment in segmented.segments[1:]:
+        mine = labels == segment.label
+        there = transform_points(inverse(segment.motion), points[mine])
+        ahead[mine] += (points[mine] - there) / segment.interval
+    at, on = transform_points(pose, points), transform_points(pose, ahead)
+    return _Moving(at, on - at, stamp)
 
 
 def _unknown(scan: Scan) -> Segmented:

@@ -7,10 +7,9 @@ from collections import deque
 from collections.abc import Callable
 from statistics import median
 
-# Shares of the time between scans. Labels that are there by the first come before odometry, which then does without
-# what moves; those that are there by the second come after it. What is left is for the labels that take longer than
-# most, so that the next scan is still answered within its own period.
-EARLY, LATE = 0.25, 0.6
+# Of the time between scans. What is left is for the labels that take longer than most, so that the next scan is still
+# answered within its own period.
+SHARE = 0.6
 PERIODS = 25  # times between scans that are remembered; their median is the sensor's, whatever is lost
 DURATIONS = 9  # of labels, that are remembered
 HOPE = 0.995  # of the expected duration after a scan there was no time for, so that it is tried again, seldom
@@ -39,11 +38,12 @@ class Pace:
             self._periods.append(stamp - self._stamp)
         self._stamp, self._arrived = stamp, arrived
 
-    def left(self, share: float) -> float:
-        """Seconds from now until `share` of the time between scans has passed since this one came."""
+    @property
+    def left(self) -> float:
+        """Seconds from now until `SHARE` of the time between scans has passed since this one came."""
         if not self._periods:
             return float("inf")
-        return self._arrived + share * median(self._periods) - self._clock()
+        return self._arrived + SHARE * median(self._periods) - self._clock()
 
 
 class Duration:

@@ -11,7 +11,6 @@ from evaluation.crf.crf_metrics import f1_of, scores
 from evaluation.crf.crf_recordings import _counts, _pairs, read_recording
 from registration import Scan, align
 from registration.crf import JointEstimate, JointModel, setup
-from registration.crf.online import ScanSegmenter, SegmenterConfig
 from registration.crf.setup import start
 from registration.crf.window import segment
 from whereabouts.datasets import data_directory
@@ -270,25 +269,6 @@ def test_a_window_sees_what_one_pair_cannot(model: JointModel) -> None:
         counts += _counts(seen[index].owners > 0, segment(model, scans, stamps, poses, index) > 0)
     hits, wrong, missed = counts
     assert 2.0 * hits / (2.0 * hits + wrong + missed) > 0.9
-
-
-def test_the_online_segmenter_keeps_its_deadline() -> None:
-    (pair,) = random_labelled_pairs(np.random.default_rng(82), "office", 1, lidar=ROUND)
-    seconds = iter(np.arange(0.0, 1e4, 0.03))
-    segmenter = ScanSegmenter(SegmenterConfig(segment_deadline=0.02), clock=lambda: float(next(seconds)))
-    segmenter.keep(pair.scan_a, 0.0, np.zeros(3))
-    found = segmenter.segment(pair.scan_b, 0.5, np.zeros(3))
-    assert segmenter.skipped == 1
-    assert (found.labels == -1).all()
-    assert not found.segments
-    patient = ScanSegmenter(
-        SegmenterConfig(segment_deadline=0.02), in_time=False, clock=lambda: float(next(seconds))
-    )
-    patient.keep(pair.scan_a, 0.0, np.zeros(3))
-    found = patient.segment(pair.scan_b, 0.5, np.zeros(3))
-    assert patient.skipped == 0
-    assert (found.labels >= 0).sum() > 200
-    assert found.static(pair.scan_b).valid.sum() == pair.scan_b.valid.sum() - (found.labels > 0).sum()
 
 
 @pytest.mark.parametrize("name", ["overtake_ego", "parallel"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from registration.crf.online import ScanSegmenter, SegmenterConfig
-from registration.odometry.pace import DURATIONS, EARLY, Duration, Pace
+from registration.odometry.pace import DURATIONS, Duration, Pace
 from whereabouts.simulation import Lidar
 from whereabouts.simulation.scenes.labelled_pairs import random_labelled_pairs
 
@@ -26,18 +26,17 @@ class Clock:
 def test_time_left_counts_from_arrival_in_periods_of_the_sensor() -> None:
     clock = Clock()
     pace = Pace(clock)
-    assert pace.left(EARLY) == np.inf
+    assert pace.left == np.inf
     # Two scans in ten are lost on the way: the sensor's period is still the sensor's.
     for k in (0, 1, 2, 5, 6, 7, 8):
         pace.begin(0.025 * k, clock.now)
-    assert pace.left(0.4) == pytest.approx(0.010)
+    assert pace.left == pytest.approx(0.015)
     clock.now += 0.004
-    assert pace.left(0.4) == pytest.approx(0.006)
-    assert pace.left(0.8) == pytest.approx(0.016)
+    assert pace.left == pytest.approx(0.011)
     pace.begin(0.025 * 9, clock.now - 0.03)
-    assert pace.left(0.8) < 0.0
+    assert pace.left < 0.0
     pace.reset()
-    assert pace.left(EARLY) == np.inf
+    assert pace.left == np.inf
 
 
 def test_one_hiccup_is_not_what_work_takes_but_a_change_is() -> None:

@@ -26,11 +26,11 @@ from estimation.geometry.poses import (
     pose_to_quaternion,
     transform_points,
 )
-from registration.crf.online import ScanSegmenter, Segmented
+from registration.crf.online import ScanSegmenter
 from registration.laser.mounting import level_pose, seen_from_robot, upright
 from registration.laser.scan import Scan
 from registration.odometry.follower import Odometry
-from registration.odometry.pace import EARLY, LATE, Pace
+from registration.odometry.pace import Pace
 from registration.odometry.wheel_history import WheelHistory
 from registration.registration_warm_up import warm_up, warm_up_segmenter
 from whereabouts.nodes.messages.conversions import (
@@ -146,7 +146,7 @@ class ScanRegistrationNode(SuiteNode):
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
         level = level_pose(mounting)
         self._pace.begin(stamp / NANOSECONDS, self._scan_input.arrived)
-        seen, segmented = None, None
+        seen: Scan | None = None
         if level is None or len(self.settings.scans) > 1:
             # Scans of several sensors, and tilted ones, become one scan around the robot itself.
             scan, level = seen_from_robot((scan, mounting), *self._recent_others(stamp)), np.zeros(3)
@@ -154,7 +154,10 @@ class ScanRegistrationNode(SuiteNode):
         else:
             seen = upright(scan, mounting)
             sweep = _seen_from(level, self._wheels.sweep(stamp, seen))
-            segmented = self._follow(seen, stamp, self._guess(stamp, level), sweep)
+            guess = self._guess(stamp, level)
+            self._odometry.register(
+                self._still(seen, stamp, guess), stamp / NANOSECONDS, guess=guess, sweep=sweep
+            )
         back = inverse(level)
         pose = compound(compound(level, self._odometry.pose), back)
         covariance = _conjugate(level, self._odometry.pose, self._odometry.covariance)
@@ -162,10 +165,6 @@ class ScanRegistrationNode(SuiteNode):
         step_covariance = _conjugate(level, self._odometry.increment, self._odometry.increment_covariance)
         if self._last_stamp is not None and stamp > self._last_stamp:
             self._velocity = step / ((stamp - self._last_stamp) / NANOSECONDS)
-        inverted = bool(mounting[2, 2] < 0.0)
-        if segmented is not None:
-            # Before the transform that others wait for with the same scan in their hands.
-            self._segments_output.publish(segments_message(message.header, segmented, inverted))
         self._publish(
             stamp,
             spatial(pose),
@@ -176,25 +175,19 @@ class ScanRegistrationNode(SuiteNode):
         self._publish_static(stamp, transform_points(level, self._odometry.static_points))
         self._finish(stamp)
         if seen is not None and self._segmenter is not None:
-            if segmented is None:
-                late = self._label(seen, stamp, self._odometry.pose, LATE)
-                self._segments_output.publish(segments_message(message.header, late, inverted))
-            self._segmenter.keep(seen, stamp / NANOSECONDS, self._odometry.pose)
+            seconds, pose = stamp / NANOSECONDS, self._odometry.pose
+            labels = self._segmenter.segment(seen, seconds, pose, self._pace.left)
+            self._segments_output.publish(
+                segments_message(message.header, labels, bool(mounting[2, 2] < 0.0))
+            )
+            self._segmenter.keep(seen, seconds, pose)
 
-    def _follow(self, scan: Scan, stamp: int, guess: Array | None, sweep: Array | None) -> Segmented | None:
-        """Register a scan, without what moves in it where labels take little of the time there is; these labels."""
-        segmented = None
-        if self._segmenter is not None and self._segmenter.fits(self._pace.left(EARLY)):
-            motion = self._odometry.increment if guess is None else guess
-            segmented = self._label(scan, stamp, compound(self._odometry.pose, motion), EARLY)
-        static = scan if segmented is None else segmented.static(scan)
-        self._odometry.register(static, stamp / NANOSECONDS, guess=guess, sweep=sweep)
-        return segmented
-
-    def _label(self, scan: Scan, stamp: int, pose: Array, share: float) -> Segmented:
-        """Labels of a scan whose sensor is at `pose`, within a share of the time between scans."""
-        assert self._segmenter is not None
-        return self._segmenter.segment(scan, stamp / NANOSECONDS, pose, self._pace.left(share))
+    def _still(self, scan: Scan, stamp: int, guess: Array | None) -> Scan:
+        """A scan without what moved in the last one, as far as is known."""
+        if self._segmenter is None:
+            return scan
+        motion = self._odometry.increment if guess is None else guess
+        return self._segmenter.still(scan, stamp / NANOSECONDS, compound(self._odometry.pose, motion))
 
     def _keep_scan(self, topic: str, message: LaserScan, stamp: int) -> None:
         """A scan of a further sensor: registered together with the next one of the first."""

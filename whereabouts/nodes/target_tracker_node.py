@@ -27,12 +27,12 @@ from tracking.people.people_warm_up import warm_up
 from tracking.people.scan_filters import tracker_of
 from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message, scan_from_message
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.messages.target_messages import labels_from_segments, people_markers, targets_message
+from whereabouts.nodes.messages.target_messages import people_markers, targets_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.parameters.target_tracker import TargetTrackerParameters
-from whereabouts_msgs.msg import ScanSegments, TargetArray
+from whereabouts_msgs.msg import TargetArray
 
 Array = NDArray[np.float64]
 DRIFT_WINDOW = 30.0  # seconds over which the drift of odometry counts
@@ -48,27 +48,18 @@ class TargetTrackerNode(SuiteNode):
 
     def setup(self) -> None:
         warm_up(self.settings.people, self.settings.filter)
-        # All that is known of a scan is taken in when the transform comes that it waits for, and just before it.
-        # Labels may come late, after the scan was thought about; that is no new run.
-        segments = self.add_input(ScanSegments, "segments", self._take_segments, sensor=False, on_demand=True)
         # How uncertain the pose is, odometry or localisation says, whichever is in the frame of the tracks.
-        companions = [segments]
-        for kind, topic in ((Odometry, "odometry"), (PoseWithCovarianceStamped, "robot_pose")):
-            uncertain = self.add_input(
-                kind, topic, self._take_uncertainty, sensor=False, on_demand=kind is Odometry
-            )
-            if kind is Odometry:
-                companions.append(uncertain)
+        odometry = self.add_input(Odometry, "odometry", self._take_uncertainty, sensor=False, on_demand=True)
+        self.add_input(PoseWithCovarianceStamped, "robot_pose", self._take_uncertainty, sensor=False)
         self.listen_to_transforms()
         self.add_input(
-            LaserScan, self.settings.scan_topic, self._take_scan, frames=self._frames, companions=companions
+            LaserScan, self.settings.scan_topic, self._take_scan, frames=self._frames, companions=[odometry]
         )
         self._targets_output = self.add_output(TargetArray, "targets")
         self._markers_output = self.add_output(MarkerArray, "~/markers")
 
     def start_run(self) -> None:
         self._tracker = tracker_of(self.settings.filter, self.settings.people)
-        self._segments: dict[int, ScanSegments] = {}
         self._trails: dict[int, deque[tuple[int, Array]]] = {}
         self._uncertainty = {
             Odometry: PoseUncertainty(DRIFT_WINDOW),
@@ -96,11 +87,6 @@ class TargetTrackerNode(SuiteNode):
     def _frames(self, message: LaserScan) -> list[tuple[str, str]]:
         return [(self.settings.odom_frame, message.header.frame_id)]
 
-    def _take_segments(self, message: ScanSegments, stamp: int) -> None:
-        self._segments[stamp] = message
-        while len(self._segments) > 20:
-            del self._segments[min(self._segments)]
-
     def _take_uncertainty(self, message: Odometry | PoseWithCovarianceStamped, stamp: int) -> None:
         if frame_name(message.header.frame_id) != frame_name(self.settings.odom_frame):
             return
@@ -124,13 +110,11 @@ class TargetTrackerNode(SuiteNode):
             raise InputError(
                 f"scanner {message.header.frame_id!r} is tilted, but people are only found in a level plane"
             )
-        segments = self._segments.get(stamp)
-        labels = None if segments is None else labels_from_segments(segments, len(scan))
         seconds = stamp / NANOSECONDS
         uncertain = self._pose_covariance(seconds, pose)
         self._certain = uncertain is None
         begun = time.perf_counter()
-        found = self._tracker.step(upright(scan, mounting), pose, seconds, labels, uncertain)
+        found = self._tracker.step(upright(scan, mounting), pose, seconds, pose_covariance=uncertain)
         self._milliseconds = 1e3 * (time.perf_counter() - begun)
         people = cast(list[Person], found)
         self._scans += 1

@@ -13,7 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from tracking.people.people_tracker import Person
 from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts_msgs.msg import DiscreteDistribution, ScanSegments, TargetArray
+from whereabouts_msgs.msg import DiscreteDistribution, TargetArray
 from whereabouts_msgs.msg import Target as TargetMessage
 
 Array = NDArray[np.float64]
@@ -43,11 +43,6 @@ def _target(person: Person) -> TargetMessage:
         last_seen=time_message(round(person.last_seen * NANOSECONDS)),
         occluded=person.occluded,
     )
-
-
-def labels_from_segments(message: ScanSegments, beams: int) -> NDArray[np.int64] | None:
-    """Labels (beams,) of a scan's segments, > 0 moving; None where they are of another scan."""
-    return np.asarray(message.labels, dtype=np.int64) if len(message.labels) == beams else None
 
 
 def people_markers(
