@@ -30,6 +30,7 @@ from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_mes
 from whereabouts.nodes.runtime.suite_run import SuiteRun, prepare_environment, replay_spec, run_suite
 from whereabouts.simulation.home.apartment_bag import record
 from whereabouts.simulation.home.apartment_day import ApartmentDay
+from whereabouts.system.process_usage import family, own_memory
 from whereabouts.system.progress import progress_bar
 
 RESULT = Path(__file__).with_suffix(".txt")
@@ -91,6 +92,7 @@ class Monitor:
         self._due = 0
         self.times: list[float] = []
         self.memory: dict[str, list[float]] = defaultdict(list)
+        self.together: list[float] = []  # proportional, the host that nodes are forked from with them
 
     def look(self, message: RawMessage) -> None:
         """Called after every message."""
@@ -103,6 +105,9 @@ class Monitor:
             text = Path(f"/proc/{node.process.pid}/smaps_rollup").read_text()
             written = re.findall(r"^Anonymous:\s+(\d+) kB", text, re.MULTILINE)
             self.memory[name.strip("/")].append(int(written[0]) / MIB)
+        host = self._run.supervisor.host_pid
+        processes = {one for node in self._run.supervisor.nodes.values() for one in family(node.process.pid)}
+        self.together.append(sum(own_memory(one)[1] for one in processes | ({host} if host else set())))
 
 
 def latencies(recording: Path) -> dict[str, list[tuple[float, float]]]:
@@ -185,6 +190,10 @@ def main() -> None:
         rows.append(
             f"{name:20} {values[0]:12.0f} {values[-1]:11.0f} {growth(monitor.times, values):13.1f} {p99}"
         )
+    whole = monitor.together
+    rows.append(
+        f"all together, proportional: {whole[0]:.0f} MiB at start, {max(whole):.0f} at most, {whole[-1]:.0f} at end"
+    )
     text = "\n".join(rows) + "\n"
     print(text)
     RESULT.write_text(text)

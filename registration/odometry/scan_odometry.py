@@ -39,6 +39,7 @@ from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
 from registration.odometry.wheel_doubt import REFUTED, WheelDoubt, prediction_covariance
+from registration.placement.influence import borrowed
 from registration.placement.refine import EFFICIENCY, Refined
 
 DRIFT = 0.1  # share of a keyframe's covariance that stays: the map takes the error in
@@ -249,6 +250,7 @@ class ScanTracker:
         if not found_before:
             self._spare.clear()
         doubt = loose = in_frame(prediction_covariance(motion), -float(before[2]))
+        refined = self._owning(refined, scan.surface)
         if wheels:
             doubt = self._wheel_covariance(motion)
             start = compound(before, motion)
@@ -284,6 +286,14 @@ class ScanTracker:
             )
         return Step(increment, covariance, sure, reason, match.share, static, drift, noise)
 
+    def _owning(self, refined: Refined, surface: Surface) -> Refined:
+        """With less information where it hangs on one small piece, which may be a person who walks."""
+        doubt = borrowed(refined, surface, self.map.target, self.config.tolerance, self.config.doubt**2)
+        if not doubt.any():
+            return refined
+        kept = np.linalg.inv(np.eye(3) + doubt @ refined.information / EFFICIENCY)
+        return replace(refined, information=refined.information @ kept)
+
     def _insert(self, scan: PreparedScan) -> None:
         self.map.add(scan.surface, scan.view, self.pose, self._travelled)
         self._key = self.pose.copy()
@@ -312,12 +322,14 @@ def fused(
     away = refined.pose - start
     away[2] = wrap_angle(away[2])
     prior = np.linalg.inv(wheels)
-    if more < min(0.5 * float(away @ prior @ away), GROSS):
+    # How far the two are apart, in what both are uncertain of together.
+    apart = float(away @ information @ np.linalg.inv(np.eye(3) + wheels @ information) @ away)
+    if more < min(0.5 * apart, GROSS):
         along = information @ away
         seems = max(float(away @ along), 1e-12)
         told = min(max(2.0 * more, 0.0), seems)
         information = information - (1.0 - told / seems) * np.outer(along, along) / seems
-    elif away @ prior @ away > REFUTED:
+    elif apart > REFUTED:
         prior = np.linalg.inv(loose)
     pose = start + np.linalg.solve(information + prior, information @ away)
     pose[2] = wrap_angle(pose[2])

@@ -15,6 +15,7 @@ from numba import njit
 
 from estimation.checks import FloatArray
 from registration.laser.surface import Surface
+from registration.laser.target_lines import TargetLines
 from registration.placement.refine import ARM, FLOOR, TUKEY, Refined, off_line
 
 SMALL = 2.0  # metres of connected outline that something that moves may have
@@ -123,20 +124,23 @@ def _worst(H, slack, g, small, variance, prior, added):  # type: ignore[no-untyp
                     added[a, b] = doubt[a, b]
 
 
-def borrowed(refined: Refined, source: Surface, target: Surface, noise: float, prior: float) -> FloatArray:
+def borrowed(
+    refined: Refined, source: Surface, target: TargetLines, noise: float, prior: float, *others: Surface
+) -> FloatArray:
     """Covariance (3, 3) of x, y, yaw to add because the answer hangs on one small piece; zero where it does not.
 
     Positive semi-definite, so that what it is added to stays a covariance.
 
     noise : metres, that the kernel of `refine` ended with. prior : m², variance of what nothing determines.
+    others : the target's own surface, where its pieces count as well; a map's lines have none.
     """
-    if refined.open_directions == 3 or not len(source) or not len(target):
+    if refined.open_directions == 3 or not len(source):
         return np.zeros((3, 3))
     added = np.zeros((3, 3))
-    for surface in (source, target):
+    for surface in (source, *others):
         H, slack, g = _shares(
-            source.points, source.pieces, target.pieces, surface is source, refined.matched, refined.trust,
-            refined.pose, target.feet, target.normals, target.tilt, TUKEY * noise,
+            source.points, source.pieces, surface.pieces, surface is source, refined.matched, refined.trust,
+            refined.pose, target.points, target.normals, target.tilt, TUKEY * noise,
         )  # fmt: skip
         length = np.bincount(surface.pieces, surface.length, len(H))
         _worst(H, slack, g, length < SMALL, refined.noise**2, prior, added)

@@ -123,7 +123,7 @@ def judged(
     reason = _refusal(refined, found, asked)
     if reason:
         return Registration(refined.pose, covariance + np.diag(GUESS_SIGMA**2), found.fitness, False, reason)
-    doubt = borrowed(refined, moving.surface, still.surface, KERNEL, GUESS_SIGMA[0] ** 2)
+    doubt = borrowed(refined, moving.surface, still.target, KERNEL, GUESS_SIGMA[0] ** 2, still.surface)
     covariance = covariance + doubt
     if asked.alone and np.diag(doubt).max() > MOST_BORROWED**2:
         reason = "only one small segment constrains a direction of motion"

@@ -96,4 +96,5 @@ def test_who_walks_where_walls_leave_the_way_open_does_not_pull_odometry_along(w
             worst = max(worst, float(np.hypot(*off[:2])))
         away[labels] = worst
     assert away[True] < 0.05
-    assert away[False] > 0.2
+    # Good wheels hold what hangs on one body only.
+    assert away[False] < 0.2 if wheels else away[False] > 0.2

@@ -9,7 +9,18 @@ import pytest
 from estimation.geometry.poses import between, compound, wrap_angle
 from registration import Odometry, OdometryConfig, Scan
 from registration.odometry.scan_odometry import ScanTracker
-from whereabouts.simulation import Drive, Lidar, Wheels, box, corridor, crowd, joined, outlines, random_floor
+from whereabouts.simulation import (
+    Drive,
+    Lidar,
+    Mover,
+    Wheels,
+    box,
+    corridor,
+    crowd,
+    joined,
+    outlines,
+    random_floor,
+)
 
 LIDAR = Lidar(181)
 
@@ -181,6 +192,23 @@ def test_people_around_are_neither_followed_nor_static() -> None:
             kept += sum(tuple(point) in static for point in np.round(points, 2))
     np.testing.assert_allclose(odometry.pose, [0.48, 0.0, 0.24], atol=0.03)
     assert kept < 0.5 * max(moving, 1)
+
+
+@pytest.mark.parametrize("kind", ["person", "cylinder"])
+def test_one_body_in_a_corridor_does_not_pull_the_robot_along_against_its_wheels(kind: str) -> None:
+    rng, lidar = np.random.default_rng(7), Lidar(361, np.pi, range_max=12.0)
+    walker = Mover(kind, np.array([5.0, 0.3, 0.0]), np.array([-0.8, 0.0]), size=0.4)
+    odometry, errors = Odometry(), []
+    for k in range(60):
+        # It stands for two seconds, and then comes nearer.
+        there = outlines([walker], max(0.1 * k - 2.0, 0.0))
+        scan = lidar.scan(joined([corridor(), there]), (0.01 * k, 0.0, 0.0), rng, 0.1 * k).scan
+        odometry.register(scan, 0.1 * k, np.array([0.01, 0.0, 0.0]) + rng.normal(0.0, [0.002, 0.002, 0.001]))
+        if k:
+            error = odometry.increment - [0.01, 0.0, 0.0]
+            errors.append(error @ np.linalg.solve(odometry.increment_covariance, error) / 3.0)
+    assert abs(odometry.pose[0] - 0.59) < 0.15
+    assert np.mean(errors) < 2.0
 
 
 def turning(time: float) -> np.ndarray:

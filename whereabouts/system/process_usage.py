@@ -68,7 +68,7 @@ def processor_seconds(process: int) -> float:
 
 def memory(process: int) -> tuple[float, float]:
     """Resident and proportional set size of a process and its children, MiB. Raises OSError where it has ended."""
-    sizes = [_own_memory(one) for one in family(process)]
+    sizes = [own_memory(one) for one in family(process)]
     return sum(size[0] for size in sizes), sum(size[1] for size in sizes)
 
 
@@ -77,7 +77,8 @@ def _own_seconds(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
 
 
-def _own_memory(process: int) -> tuple[float, float]:
+def own_memory(process: int) -> tuple[float, float]:
+    """As `memory`, without children."""
     text = Path(f"/proc/{process}/smaps_rollup").read_text()
     sizes = {
         name: int(size) / 1024.0 for name, size in re.findall(r"^(Rss|Pss):\s+(\d+) kB", text, re.MULTILINE)
