@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -109,6 +111,33 @@ def test_what_the_suite_says_is_shown_and_what_cannot_be_done_is_said(graph: Gra
                 source.act(action, {"name": "cup-1"})
         with pytest.raises(ConsoleError, match="--store"):
             source.ask("where is the cup?")
+
+
+def test_the_search_asked_for_last_is_shown_and_cancelled(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    graph.start("object_search")
+    found, ended = LiveSource._found, []
+
+    def heard(*told: Any) -> None:
+        found(*told)
+        ended.append(told)
+
+    monkeypatch.setattr(LiveSource, "_found", heard)
+    with LiveSource() as source:
+
+        def asked(name: str) -> bool:
+            with suppress(ConsoleError):
+                return bool(source.act("find", {"name": name}))
+            return False
+
+        graph.until(lambda: asked("cup"), "the search takes the first goal")
+        source.act("find", {"name": "book"})
+        graph.until(lambda: ended, "the console has heard that the first search has ended")
+        source.act("cancel", {})
+        graph.until(lambda: source.world()["search"]["done"], "the second search has ended")
+        search = source.world()["search"]
+        assert (search["name"], search["text"]) == ("book", "cancelled")
 
 
 def test_messages_are_read_as_ros_reads_them() -> None:

@@ -49,6 +49,7 @@ class LiveSource:
         self._newest: dict[str, bytes] = {}
         self._lock = threading.Lock()
         self._count = 0
+        self._asked: Shown | None = None
         self._search: Shown | None = None
         self._goal: Any = None
         self._ended = threading.Event()
@@ -145,13 +146,13 @@ class LiveSource:
             raise ConsoleError("the search does not run: `whereabouts run object_search` starts it")
         known = any(item["id"] == name for item in self.world()["things"])
         goal = FindObject.Goal(object_id=name) if known else self._goal_for(name)
-        self._search = {"name": name, "text": "asked", "done": False}
-        sent = self._find.send_goal_async(goal, feedback_callback=lambda said: self._told(name, said))
+        asked = self._asked = self._search = {"name": name, "text": "asked", "done": False}
+        sent = self._find.send_goal_async(goal, feedback_callback=lambda said: self._told(asked, said))
         self._goal = self._answer(sent, "the search")
         if not self._goal.accepted:
             self._search = None
             raise ConsoleError("the search refused; it may be busy")
-        self._goal.get_result_async().add_done_callback(lambda done: self._found(name, done.result()))
+        self._goal.get_result_async().add_done_callback(lambda done: self._found(asked, done.result()))
         return f"searching for {name}"
 
     def _goal_for(self, name: str) -> FindObject.Goal:
@@ -159,15 +160,20 @@ class LiveSource:
             return goal_for(name, None)
         return self._past.told(lambda world: goal_for(name, world))
 
-    def _told(self, name: str, said: Any) -> None:
-        self._search = {"name": name, "text": str(said.feedback.reason), "done": False}
-        self._count += 1
+    def _told(self, asked: Shown, said: Any) -> None:
+        # A search ends when another one is asked for: what it says last is not about the new one.
+        if asked is self._asked:
+            self._search = {**asked, "text": str(said.feedback.reason)}
+            self._count += 1
 
-    def _found(self, name: str, ended: Any) -> None:
-        found = ended.status == GoalStatus.STATUS_SUCCEEDED and ended.result.code == FindObject.Result.FOUND
-        self._search = {"name": name, "text": str(ended.result.message), "done": True, "found": found}
-        self._goal = None
-        self._count += 1
+    def _found(self, asked: Shown, ended: Any) -> None:
+        if asked is self._asked:
+            found = (
+                ended.status == GoalStatus.STATUS_SUCCEEDED and ended.result.code == FindObject.Result.FOUND
+            )
+            self._search = {**asked, "text": str(ended.result.message), "done": True, "found": found}
+            self._goal = None
+            self._count += 1
 
     def _cancel(self, _: dict[str, Any]) -> str:
         goal = self._goal
