@@ -318,6 +318,15 @@ def test_a_bag_of_a_robot_with_a_namespace_is_replayed_in_it_and_silence_is_told
     assert "scan_registration: nothing came on " in told.stderr
 
 
+def test_what_is_no_bag_is_not_said_to_be_replayed(tmp_path: Path) -> None:
+    bag = tmp_path / "notes.mcap"
+    bag.write_text("no bag")
+    command = [sys.executable, "-m", "whereabouts.cli.main", "run", "verifier", "--bag", str(bag)]
+    answer = subprocess.run(command, capture_output=True, text=True)
+    assert (answer.returncode, answer.stdout) == (1, "")
+    assert "is no bag" in answer.stderr
+
+
 def test_interrupted_run_ends_its_nodes_and_leaves_no_half_recording(bag: Path, tmp_path: Path) -> None:
     command = [
         *(sys.executable, "-m", "whereabouts.cli.main", "run", "scan_registration", "--bag", str(bag)),

@@ -185,16 +185,18 @@ def _run_live(config: SuiteConfig, host: Host | None) -> None:
 
 
 def _run_bag(config: SuiteConfig, bag: Path, host: Host | None) -> None:
+    from whereabouts.logs import open_raw
     from whereabouts.nodes.runtime.log_echo import LogEcho
     from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
     from whereabouts.system.progress import share_bar
 
     echo = LogEcho(lambda text: typer.echo(text, err=True))
     domain = os.environ["ROS_DOMAIN_ID"]
+    log = open_raw(bag)
     typer.echo(f"replaying on ROS domain {domain}: set ROS_DOMAIN_ID={domain} to look at it")
     with share_bar(f"replaying {bag.name}") as share:
         suite = SuiteRun(
-            bag,
+            log,
             _specs(config, **REPLAY_PARAMETERS),
             config.logs,
             rate=None if config.lock_step else (config.rate or 1.0),
