@@ -135,6 +135,9 @@ class World:
             return {}
         return {item.key: item.value for item in self.diagnostics[-1].status[0].values}
 
+    def message(self) -> str:
+        return self.diagnostics[-1].status[0].message if self.diagnostics else ""
+
 
 def classes(item: Any) -> dict[str, float]:
     given = item.class_distribution
@@ -234,6 +237,7 @@ def test_time_that_goes_back_begins_a_new_run_and_keeps_the_stored_one(graph: Gr
     world.look(20.0, 12, seen(ON_TABLE, "cup", "red"))
     assert [item.id for item in world.at(21.1).objects] == ["cup-1"]
     assert world.at(21.1).epoch == 0
+    graph.until(lambda: world.message() == "1 object", "the one object in diagnostics")
     world.look(5.0, 12, seen(ON_COUNTER, "bowl", "green"))
     state = world.at(6.1)
     assert ([item.id for item in state.objects], state.epoch) == (["bowl-1"], 1)

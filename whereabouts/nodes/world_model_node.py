@@ -33,6 +33,7 @@ from whereabouts.nodes.world.world_services import WorldServices
 from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts.recorded.camera_messages import box_from_message
 from whereabouts.recorded.evidence_messages import PERSON, Reader, most_probably
+from whereabouts.system.counting import counted
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldObject, WorldState
@@ -163,7 +164,9 @@ class WorldModelNode(SuiteNode):
     def health(self) -> Health:
         if self._model is None:
             return Health("not configured")
-        figures: dict[str, object] = dict(self._model.health)
+        health = self._model.health
+        held = counted(int(health["objects"]), "object")
+        figures: dict[str, object] = dict(health)
         figures["run"] = self._model.epoch
         figures["objects not seen in this run"] = self._model.of_earlier_runs
         figures["updates"] = self._updates
@@ -178,7 +181,7 @@ class WorldModelNode(SuiteNode):
             figures |= {"update p50 [ms]": float(p50), "update p99 [ms]": float(p99)}
         store = self._model.store
         if store is None:
-            return Health(f"{figures['objects']} objects, not remembered", figures=figures)
+            return Health(f"{held}, not remembered", figures=figures)
         figures |= {
             "history rows": store.rows,
             "failed writes": store.failures,
@@ -195,7 +198,7 @@ class WorldModelNode(SuiteNode):
         )
         if trouble or store.damages:
             return Health(trouble or store.damages[-1], warning=True, figures=figures)
-        return Health(f"{figures['objects']} objects", figures=figures)
+        return Health(held, figures=figures)
 
     # Evidence.
 
