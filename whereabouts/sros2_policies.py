@@ -11,8 +11,9 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from whereabouts.node_interfaces import Interface, interfaces_of
+from whereabouts.node_names import NODES
 from whereabouts.parameters.registry import model_of
-from whereabouts.suite_config import SuiteConfig
+from whereabouts.suite_config import NodeConfig, SuiteConfig
 
 VERSION = "0.2.0"  # of sros2's policy schema
 PARAMETER_SERVICES = (
@@ -72,10 +73,13 @@ def policies(config: SuiteConfig) -> dict[str, ET.Element]:
 
 
 def write_policies(config: SuiteConfig, folder: Path) -> list[Path]:
-    """Write `policies` into a folder, which is made; the paths."""
+    """Write `policies` into a folder, which is made; the paths. Those of nodes not in the suite are removed."""
     folder.mkdir(parents=True, exist_ok=True)
+    made = policies(config)
+    for node in set(NODES) - made.keys():
+        (folder / f"{node}.policy.xml").unlink(missing_ok=True)
     written = []
-    for name, policy in policies(config).items():
+    for name, policy in made.items():
         ET.indent(policy)
         path = folder / f"{name}.policy.xml"
         path.write_bytes(ET.tostring(policy, encoding="UTF-8", xml_declaration=True) + b"\n")
@@ -116,9 +120,9 @@ def _role(config: SuiteConfig, role: str) -> Rules:
             asks |= {f"~/{name}" for name in PARAMETER_SERVICES + LIFECYCLE_SERVICES}
         present = {item.name for item, _ in _present(node, settings.parameters)}
         asks -= {item.name for item in interfaces_of(node)} - present
-        _allow(rules, ("services", "request", "service"), (name.replace("~/", f"{node}/") for name in asks))
+        _allow(rules, ("services", "request", "service"), _outside(node, settings, asks))
         for item, names in _present(node, settings.parameters):
-            known = [settings.remappings.get(name, name).replace("~/", f"{node}/") for name in names]
+            known = _outside(node, settings, names)
             if item.kind == "out":
                 _allow(rules, ("topics", "subscribe", "topic"), known)
             elif item.kind == "action":
@@ -126,6 +130,11 @@ def _role(config: SuiteConfig, role: str) -> Rules:
     _allow(rules, ("topics", "subscribe", "topic"), ["/clock", "/parameter_events"])
     _allow(rules, ("topics", "publish", "topic"), ["/rosout", "/parameter_events"])
     return rules
+
+
+def _outside(node: str, settings: NodeConfig, names: Iterable[str]) -> list[str]:
+    """Names of a node's interfaces as others call them."""
+    return [settings.remappings.get(name, name).replace("~/", f"{node}/") for name in names]
 
 
 def _allow(rules: Rules, rule: tuple[str, str, str], names: Iterable[str]) -> None:

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from whereabouts.cli.main import app
 from whereabouts.node_interfaces import NODE_INTERFACES, interfaces_of
 from whereabouts.node_names import NODES
-from whereabouts.sros2_policies import ASKS, RESETS, WRITES_OR_FORGETS, policies
+from whereabouts.sros2_policies import ASKS, RESETS, WRITES_OR_FORGETS, policies, write_policies
 from whereabouts.suite_config import NodeConfig, SuiteConfig
 
 SCHEMA = Path(__file__).parent / "sros2" / "policy.xsd"
@@ -80,6 +80,19 @@ def test_parameters_and_remappings_count(written: Path) -> None:
     assert {"front", "rear", "wheels"} <= found
     assert not {"scan", "wheel_odom", "points"} & found
     assert "~/processed" not in rights(written / "scan_registration.policy.xml")["topics publish"]
+
+
+def test_nothing_is_left_of_a_node_that_is_no_longer_in_the_suite(written: Path) -> None:
+    (written / "notes.txt").touch()
+    write_policies(SuiteConfig(nodes={"verifier": NodeConfig()}), written)
+    left = {path.name.removesuffix(".policy.xml") for path in written.iterdir()}
+    assert left == {"verifier", "user", "operator", "notes.txt"}
+
+
+def test_a_service_is_called_by_the_name_it_was_given() -> None:
+    config = SuiteConfig(nodes={"world_model": NodeConfig(remappings={"~/query": "where"})})
+    called = {item.text for item in policies(config)["user"].iter("service")}
+    assert called == {"where"}
 
 
 def test_only_the_operator_may_write_and_forget(written: Path) -> None:
