@@ -114,6 +114,11 @@ def test_what_is_launched_is_installed() -> None:
             assert f'"{name} = whereabouts.nodes.runtime.{name}:main"' in setup
 
 
+def test_who_brings_nodes_up_again_is_started_again() -> None:
+    (watcher,) = [call for call in calls(BUILDER, "manager") if call.args]
+    assert ast.unparse(watcher).startswith("manager('--watch', respawn=True")
+
+
 def test_rviz_shows_what_the_suite_publishes() -> None:
     view = yaml.safe_load((ROOT / "rviz/suite.rviz").read_text(encoding="utf-8"))["Visualization Manager"]
     topics = {item["Topic"]["Value"]: item for item in view["Displays"] if "Topic" in item}

@@ -131,13 +131,14 @@ def _nav2(given: dict[str, str], share: Path) -> list[Any]:
 def _bring_up(names: tuple[str, ...], given: dict[str, str]) -> list[Any]:
     """The process that brings the nodes up, and what happens when it has."""
 
-    def manager(*options: str) -> Node:
+    def manager(*options: str, **lasting: Any) -> Node:
         return Node(
             package="whereabouts",
             executable="bring_up",
             namespace=given["namespace"],
             arguments=[*options, *names],
             output="screen",
+            **lasting,
         )
 
     first = manager()
@@ -145,7 +146,8 @@ def _bring_up(names: tuple[str, ...], given: dict[str, str]) -> list[Any]:
     def then(event: Any, _: Any) -> list[Any]:
         if event.returncode != 0:
             return [Shutdown(reason="the nodes could not be brought up")]
-        return [manager("--watch"), *_bag(given)]
+        # Without it nothing that dies is brought up again; it also ends where one of the nodes cannot be.
+        return [manager("--watch", respawn=True, respawn_delay=RESPAWN_DELAY), *_bag(given)]
 
     return [RegisterEventHandler(OnProcessExit(target_action=first, on_exit=then)), first]
 
