@@ -2,8 +2,8 @@
 
 A person or a box that walked is, in one pair of scans, an outline like any other. Where walls leave a direction
 open, such a piece alone may fill it, with a motion that is its own. Least squares does not notice: the piece fits
-perfectly. So each connected piece small enough to be carried about is left out in turn; a direction that is then
-open, or an answer that then moves away, was the piece's word only, and the covariance says so.
+perfectly. So each connected piece small enough to be carried about is left out in turn, with the small ones about it;
+a direction that is then open, or an answer that then moves away, was their word only, and the covariance says so.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from registration.laser.target_lines import TargetLines
 from registration.placement.refine import ARM, FLOOR, TUKEY, Refined, off_line
 
 SMALL = 2.0  # metres of connected outline that something that moves may have
+BODY = 0.5  # metres between the middles of small pieces that may be of one body, as two legs are
 LEAST_SHARE = 0.2  # share of some direction's information below which a piece cannot matter
 GROWTH = 8.0  # times the stated variance that leaving a piece out has to add for the answer to hang on it
 
@@ -81,8 +82,22 @@ def _more(rest, whole):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _worst(H, slack, g, small, variance, prior, added):  # type: ignore[no-untyped-def]
-    """Write what the piece the answer hangs on most adds to the covariance, if more than `added` (3, 3) has."""
+def _bodies(H, slack, g, small, middles):  # type: ignore[no-untyped-def]
+    """Of each small piece, the sums with the small pieces about it."""
+    body, blur, pull = H.copy(), slack.copy(), g.copy()
+    for p in range(len(H)):
+        for q in range(len(H)):
+            away = math.hypot(middles[p, 0] - middles[q, 0], middles[p, 1] - middles[q, 1])
+            if p != q and small[p] and small[q] and away < BODY:
+                body[p] += H[q]
+                blur[p] += slack[q]
+                pull[p] += g[q]
+    return body, blur, pull
+
+
+@njit(cache=True)
+def _worst(H, slack, g, small, middles, variance, prior, added):  # type: ignore[no-untyped-def]
+    """Write what the body the answer hangs on most adds to the covariance, if more than `added` (3, 3) has."""
     total, noise, pull = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     for p in range(len(H)):
         for a in range(3):
@@ -90,6 +105,7 @@ def _worst(H, slack, g, small, variance, prior, added):  # type: ignore[no-untyp
             for b in range(3):
                 total[a, b] += H[p, a, b]
                 noise[a, b] += slack[p, a, b]
+    H, slack, g = _bodies(H, slack, g, small, middles)
     others, blur, force = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     values, vectors = np.linalg.eigh(total)
     whole = _variance(total, noise, variance, prior)
@@ -142,7 +158,11 @@ def borrowed(
             source.points, source.pieces, surface.pieces, surface is source, refined.matched, refined.trust,
             refined.pose, target.points, target.normals, target.tilt, TUKEY * noise,
         )  # fmt: skip
-        length = np.bincount(surface.pieces, surface.length, len(H))
-        _worst(H, slack, g, length < SMALL, refined.noise**2, prior, added)
+        length, number = np.bincount(surface.pieces, surface.length, len(H)), np.bincount(surface.pieces)
+        middles = (
+            np.column_stack([np.bincount(surface.pieces, along) for along in surface.points.T])
+            / number[:, None]
+        )
+        _worst(H, slack, g, length < SMALL, middles, refined.noise**2, prior, added)
     scale = np.array([1.0, 1.0, 1.0 / ARM])
     return np.asarray(added * np.outer(scale, scale))
