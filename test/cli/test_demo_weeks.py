@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from estimation.errors import InputError
 from whereabouts.cli.main import app
 from whereabouts.demo.demo_weeks import figures, live_through, write
+from whereabouts.demo.files import begin_in
 
 
 def test_a_day_at_home_becomes_a_report(tmp_path: Path) -> None:
@@ -34,3 +36,16 @@ def test_two_demos_at_once_are_refused(given: list[str], tmp_path: Path) -> None
     result = CliRunner().invoke(app, ["demo", "--out", str(tmp_path / "out"), *given])
     assert result.exit_code != 0
     assert not (tmp_path / "out").exists()
+
+
+def test_a_memory_that_no_demo_made_is_not_replaced(tmp_path: Path) -> None:
+    store = tmp_path / "world.sqlite"
+    store.write_bytes(b"a robot's")
+    with pytest.raises(InputError, match=r"world\.sqlite: would be replaced"):
+        begin_in(tmp_path)
+    result = CliRunner().invoke(app, ["demo", "--weeks", "1", "--out", str(tmp_path)])
+    assert result.exit_code != 0
+    assert store.read_bytes() == b"a robot's"
+    (tmp_path / "logs").mkdir()
+    begin_in(tmp_path)
+    assert not store.exists()

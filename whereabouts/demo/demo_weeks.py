@@ -26,7 +26,7 @@ from evaluation.experiments.questions import (
     looks_of,
     settings,
 )
-from whereabouts.demo.files import files_of
+from whereabouts.demo.files import begin_in, files_of
 from whereabouts.demo.page import Page, Row
 from whereabouts.demo.reading import BELIEVED
 from whereabouts.demo.screen import GONE, HERE, LOST, KnownThing, Screen, at_place, place_around
@@ -60,15 +60,13 @@ class Month:
 
 def live_through(folder: Path, days: int, seed: int, on_progress: Callable[[float], None]) -> Month:
     """So many days at home; the memory is `world.sqlite` in the folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for old in folder.glob("world.sqlite*"):
-        old.unlink()
+    memory = begin_in(folder)
     rng = np.random.default_rng([seed, DAYS])
     home = AskedHome.living(days, rng)
     screen = Screen(BEGIN, BEGIN + days * DAY, HOME, days=True, fresh=900.0)
     screen.nobody = "Nobody in the last quarter of an hour."
     month = Month(days, screen)
-    with Store(folder / "world.sqlite") as store:
+    with Store(memory) as store:
         model = WorldModel(settings(), HOME, store, looks_back=False)
         looks = list(looks_of(days))[::EVERY]
         for number, (stamp, place) in enumerate(looks):

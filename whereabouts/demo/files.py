@@ -5,6 +5,28 @@ from __future__ import annotations
 from importlib.util import find_spec
 from pathlib import Path
 
+from estimation.errors import InputError
+
+STORE = "world.sqlite"
+TRACES = (
+    "index.html",
+    "logs",
+)  # what a demo leaves, the first where it ended well, the second where it did not
+
+
+def begin_in(folder: Path) -> Path:
+    """Make the folder of a demo, without the memory of an earlier one; its path.
+
+    Raises InputError where there is one that no demo seems to have made: it may be a robot's.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    store = folder / STORE
+    if store.exists() and not any((folder / name).exists() for name in TRACES):
+        raise InputError(f"{store}: would be replaced; choose another folder with --out, or remove it")
+    for old in folder.glob(f"{STORE}*"):
+        old.unlink()
+    return store
+
 
 def files_of(folder: Path, *bags: Path) -> list[tuple[Path, str]]:
     """Files for the page, each with a sentence; a Rerun recording is made where the package is installed.
@@ -18,7 +40,7 @@ def files_of(folder: Path, *bags: Path) -> list[tuple[Path, str]]:
         for bag, said in zip(bags, words, strict=False)
         if bag.parent == folder
     ]
-    found.append((folder / "world.sqlite", "the memory: `whereabouts ask world.sqlite where is the red cup`"))
+    found.append((folder / STORE, "the memory: `whereabouts ask world.sqlite where is the red cup`"))
     found.append((rerun_of(folder, bags), f"for Rerun: `rerun run.rrd`, or `whereabouts view {shown}`"))
     here = find_spec("rerun") is not None or not bags
     said = "of the nodes" + (

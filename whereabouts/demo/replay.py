@@ -8,6 +8,7 @@ from pathlib import Path
 
 from whereabouts.demo.demo_report import DemoRun
 from whereabouts.demo.demo_suite import BESIDE, RECORDED, parameters, shipped_parameters, shipped_remappings
+from whereabouts.demo.files import begin_in
 from whereabouts.logs import RawMessage
 from whereabouts.nodes.live.demo_director import Director
 from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
@@ -49,9 +50,7 @@ def replay(
     rate : multiple of the recorded speed, None for lock-step. Nothing is told of what was asked where the bag ends
     before it. Raises LogError, and SuiteError, also where a node took in nothing.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    for old in folder.glob("world.sqlite*"):
-        old.unlink()
+    begin_in(folder)
     recording = folder / "recording.mcap"
     specs = [
         NodeSpec(name, parameters={**REPLAY_PARAMETERS, **given})

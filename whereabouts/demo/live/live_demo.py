@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from whereabouts.demo.demo_suite import RECORDED
+from whereabouts.demo.files import begin_in
 from whereabouts.demo.live.live_log import LiveLog
 from whereabouts.demo.live.live_story import Script, Story, Teller
 from whereabouts.demo.live.live_suite import live_parameters
@@ -33,9 +34,7 @@ def run_live(
     nodes : executables, all eight by default. The bag in `folder` has what was measured, and the truth.
     Raises SuiteError, LogError, and InputError where nav2_msgs is not installed.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    for old in folder.glob("world.sqlite*"):
-        old.unlink()
+    begin_in(folder)
     given = live_parameters(folder)
     specs = [
         NodeSpec(name, parameters={**REPLAY_PARAMETERS, **given[name]})
