@@ -211,9 +211,9 @@ def test_one_late_odometry_message_leaves_the_map_alone_and_a_loop_takes_it_up_a
     graph.mount()
     robot.introduce()
     robot.go(0.0, 30.0, 0.25)
-    kept = int(of("loop_closure", robot.diagnostics)["keyframes"])
+    figures = settled(graph, "loop_closure", robot.diagnostics)
+    kept, runs = int(figures["keyframes"]), figures["new runs"]
     assert kept > 10
-    runs = of("loop_closure", robot.diagnostics)["new runs"]
     late = Odometry()
     late.header.stamp, late.header.frame_id = time_message(START + round(28.35 * NANOSECONDS)), "odom"
     late.child_frame_id = "base_link"
