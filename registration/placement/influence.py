@@ -53,15 +53,33 @@ def _shares(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _carried(points, pieces, length, count):  # type: ignore[no-untyped-def]
+    """Of each piece: whether it is small enough to be carried about, and the middle (2,) of its points."""
+    extent, number, middles = np.zeros(count), np.zeros(count), np.zeros((count, 2))
+    for k in range(len(points)):
+        extent[pieces[k]] += length[k]
+        number[pieces[k]] += 1.0
+        middles[pieces[k]] += points[k]
+    return extent < SMALL, middles / number.reshape(-1, 1)
+
+
+@njit(cache=True)
+def _along(M, vectors, a):  # type: ignore[no-untyped-def]
+    """`v @ M @ v` of column `a` of `vectors`, in scalars: a library call takes longer than nine products."""
+    value = 0.0
+    for b in range(3):
+        for d in range(3):
+            value += vectors[b, a] * M[b, d] * vectors[d, a]
+    return value
+
+
+@njit(cache=True)
 def _variance(H, slack, variance, prior):  # type: ignore[no-untyped-def]
     """Covariance (3, 3) of what `H` determines, with the variance `prior` for what it leaves open."""
     values, vectors = np.linalg.eigh((H - slack) / variance)
     covariance = np.zeros((3, 3))
     for a in range(3):
-        false = 0.0
-        for b in range(3):
-            for d in range(3):
-                false += vectors[b, a] * slack[b, d] * vectors[d, a] / variance
+        false = _along(slack, vectors, a) / variance
         spread = prior
         if values[a] > max(FLOOR, 2.0 * false):
             spread = 1.0 / (values[a] + 1.0 / prior)
@@ -82,45 +100,38 @@ def _more(rest, whole):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _bodies(H, slack, g, small, middles):  # type: ignore[no-untyped-def]
-    """Of each small piece, the sums with the small pieces about it."""
-    body, blur, pull = H.copy(), slack.copy(), g.copy()
-    for p in range(len(H)):
-        for q in range(len(H)):
-            away = math.hypot(middles[p, 0] - middles[q, 0], middles[p, 1] - middles[q, 1])
-            if p != q and small[p] and small[q] and away < BODY:
-                body[p] += H[q]
-                blur[p] += slack[q]
-                pull[p] += g[q]
-    return body, blur, pull
-
-
-@njit(cache=True)
 def _worst(H, slack, g, small, middles, variance, prior, added):  # type: ignore[no-untyped-def]
-    """Write what the body the answer hangs on most adds to the covariance, if more than `added` (3, 3) has."""
-    total, noise, pull = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    """Write what the body the answer hangs on most adds to the covariance, if more than `added` (3, 3) has.
+
+    A body is a small piece with the small pieces about it.
+    """
+    total, noise, pull = H.sum(axis=0), slack.sum(axis=0), g.sum(axis=0)
+    values, vectors = np.linalg.eigh(total)
+    along = np.empty((len(H), 3))  # share of each piece in what is known along each direction
     for p in range(len(H)):
         for a in range(3):
-            pull[a] += g[p, a]
-            for b in range(3):
-                total[a, b] += H[p, a, b]
-                noise[a, b] += slack[p, a, b]
-    H, slack, g = _bodies(H, slack, g, small, middles)
-    others, blur, force = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    values, vectors = np.linalg.eigh(total)
+            along[p, a] = _along(H[p], vectors, a) / max(values[a], 1e-9)
     whole = _variance(total, noise, variance, prior)
+    others, blur, force = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    body, share = np.empty(len(H), np.bool_), np.empty(3)
     for p in range(len(H)):
         if not small[p]:
             continue
-        share = 0.0
-        for a in range(3):
-            share = max(share, vectors[:, a] @ H[p] @ vectors[:, a] / max(values[a], 1e-9))
-        if share < LEAST_SHARE:
+        share[:] = 0.0
+        for q in range(len(H)):
+            away = (middles[p, 0] - middles[q, 0]) ** 2 + (middles[p, 1] - middles[q, 1]) ** 2
+            body[q] = small[q] and (q == p or away < BODY**2)
+            if body[q]:
+                for a in range(3):
+                    share[a] += along[q, a]
+        if share.max() < LEAST_SHARE:
             continue
-        for a in range(3):
-            force[a] = pull[a] - g[p, a]
-            for b in range(3):
-                others[a, b], blur[a, b] = total[a, b] - H[p, a, b], noise[a, b] - slack[p, a, b]
+        others[:], blur[:], force[:] = total, noise, pull
+        for q in range(len(H)):
+            if body[q]:
+                others -= H[q]
+                blur -= slack[q]
+                force -= g[q]
         rest = _variance(others, blur, variance, prior)
         shift = -rest @ force / variance
         # What is not known can be anywhere within the doubt, not farther.
@@ -131,13 +142,9 @@ def _worst(H, slack, g, small, middles, variance, prior, added):  # type: ignore
                 doubt[a, b] += shift[a] * shift[b]
         grown = 0.0
         for a in range(3):
-            grown = max(
-                grown, vectors[:, a] @ doubt @ vectors[:, a] / (vectors[:, a] @ whole @ vectors[:, a])
-            )
+            grown = max(grown, _along(doubt, vectors, a) / _along(whole, vectors, a))
         if grown > GROWTH and np.trace(doubt) > np.trace(added):
-            for a in range(3):
-                for b in range(3):
-                    added[a, b] = doubt[a, b]
+            added[:] = doubt
 
 
 def borrowed(
@@ -158,11 +165,7 @@ def borrowed(
             source.points, source.pieces, surface.pieces, surface is source, refined.matched, refined.trust,
             refined.pose, target.points, target.normals, target.tilt, TUKEY * noise,
         )  # fmt: skip
-        length, number = np.bincount(surface.pieces, surface.length, len(H)), np.bincount(surface.pieces)
-        middles = (
-            np.column_stack([np.bincount(surface.pieces, along) for along in surface.points.T])
-            / number[:, None]
-        )
-        _worst(H, slack, g, length < SMALL, middles, refined.noise**2, prior, added)
+        small, middles = _carried(surface.points, surface.pieces, surface.length, len(H))
+        _worst(H, slack, g, small, middles, refined.noise**2, prior, added)
     scale = np.array([1.0, 1.0, 1.0 / ARM])
     return np.asarray(added * np.outer(scale, scale))
