@@ -378,6 +378,18 @@ def _varied(base: Structure, into: Structure, k: int, sources: Any, known: int, 
 
 
 @njit(cache=True)
+def _reaches(problem: Problem, structure: Structure, k: int, model: CellModel) -> bool:
+    """Whether any return lies in the gate of source k, from where its sweeps begin."""
+    term = problem.terms[0]
+    _weights_of(problem.sources[k], structure.cells[k], structure.centres[k], False, model, term)
+    for i in range(len(problem.z)):
+        x, y = problem.z[i, X] - term[4], problem.z[i, Y] - term[5]
+        if term[1] * x * x + 2.0 * term[2] * x * y + term[3] * y * y < model.gate:
+            return True
+    return False
+
+
+@njit(cache=True)
 def _first(problem: Problem, known: int, model: CellModel, kept: Kept) -> None:
     """The structure in which all known targets gave returns but those that nothing is left for, as the first."""
     on, cell, centre = kept.active[0], kept.cells[0], kept.centres[0]
@@ -431,6 +443,8 @@ def search(
         for k in range(S):
             if not _varied(base, new, k, sources, known, seeds) or _any_equal(kept.active[:count], new.on):
                 continue
+            if new.on[k] and not _reaches(problem, new, k, model):
+                continue  # it would be evaluated as impossible
             value = evaluate(problem, new.on, new.cells, new.centres, np.bool_(True), model)
             if value < best - margin or value == -np.inf:
                 continue

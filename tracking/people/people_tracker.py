@@ -334,14 +334,13 @@ class PeopleTracker:
         stamp, posed, rows = float(self.stamp or 0.0), self._held >= HELD, rows_of(seen)
         nearer = nearest == np.arange(len(found))[:, None]
         around = ((gaps < 1.5) & ~nearer).sum(1).tolist()
-        mine = nearer & (gaps < BELONGS)
+        mine = [row.nonzero()[0] for row in nearer & (gaps < BELONGS)]
         living = {target.label for target in found}
-        for t, target in enumerate(found):
-            whose = np.flatnonzero(mine[t])
+        for target, whose, others in zip(found, mine, around, strict=True):
             evidence = self.evidence.get(target.label)
             if evidence is None:
                 evidence = self.evidence[target.label] = self._newcomer(target.mean[:2], whose, seen, living)
-            evidence.look(seen, rows, whose, target, pose, around[t], dt, stamp, posed)
+            evidence.look(seen, rows, whose, target, pose, others, dt, stamp, posed)
         self.evidence = {label: item for label, item in self.evidence.items() if label in living}
         odds = self.classes.odds([self.evidence[target.label].features(target) for target in found])
         for target, own in zip(found, _probabilities(odds), strict=True):

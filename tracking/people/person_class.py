@@ -175,7 +175,7 @@ class ClassEvidence:
             self.stood += whole * (old - self.stood)
         share = 1.0 - math.exp(-dt / SHORT) if self.looks > 0.0 else 1.0
         self.now += share * (shape - self.now)
-        self.returns += share * (float(seen.counts[whose].sum()) - self.returns)
+        self.returns += share * (float(sum(seen.counts[whose].tolist())) - self.returns)
         self.fresh += share * (fresh - self.fresh)
         self.looks += dt
         if self.looks > SHORT:
