@@ -39,6 +39,7 @@ class ScriptedSource:
         self.version = 1
         self.now: Shown = empty()
         self.done: list[tuple[str, dict[str, Any]]] = []
+        self.drawn: bytes | None = None
 
     def world(self) -> Shown:
         return self.now
@@ -50,7 +51,7 @@ class ScriptedSource:
         return {**empty(), "stamp": stamp}
 
     def picture(self) -> bytes | None:
-        return None
+        return self.drawn
 
     def ask(self, question: str) -> Shown:
         return {"sentence": f"you asked: {question}", "probability": math.nan}
@@ -95,6 +96,12 @@ def test_a_time_that_is_none_is_refused_with_a_sentence(client: TestClient, at: 
     answer = client.get("/api/state", params={"at": at})
     assert answer.status_code == 400
     assert "is no time" in answer.json()["error"]
+
+
+def test_a_map_is_not_kept_for_the_next_console(client: TestClient, source: ScriptedSource) -> None:
+    source.drawn = b"PNG"
+    answer = client.get("/api/map.png")
+    assert (answer.content, answer.headers["cache-control"]) == (b"PNG", "no-store")
 
 
 def test_questions(client: TestClient) -> None:

@@ -107,7 +107,7 @@ class Console:
         picture = await run_in_threadpool(self._source.picture)
         if picture is None:
             return _refusal("there is no map yet", 404)
-        return Response(picture, media_type="image/png", headers={"Cache-Control": "max-age=3600"})
+        return Response(picture, media_type="image/png", headers={"Cache-Control": "no-store"})
 
     async def _ask(self, request: Request) -> Response:
         question = request.query_params.get("q", "").strip()
