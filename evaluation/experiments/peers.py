@@ -113,7 +113,9 @@ def _scans(options: RunOptions, report: Report) -> None:
 def _clouds_around(options: RunOptions, report: Report) -> None:
     """A simulated outdoor round, closed at its end."""
     if not installed():
-        report.notes.append("KISS-SLAM is not installed: left out; `make peers` installs it")
+        report.notes.append(
+            "KISS-SLAM is not installed, or cannot be imported: left out; `make peers` installs it"
+        )
         return
     rng = np.random.default_rng([options.seed, 12])
     world, poses, lidar = random_neighbourhood(rng), round_trip(), SpinningLidar()

@@ -17,11 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 INTERPRETER = Path(__file__).resolve().parents[2] / ".venv-peers" / "bin" / "python"
+ENVIRONMENT = {"PATH": "/usr/bin:/bin", "OMP_NUM_THREADS": "1"}
+"""The start-up hook of the ROS wheels would lead the other interpreter into this environment."""
 
 
 def installed() -> bool:
-    """Whether `make peers` was run."""
-    return INTERPRETER.exists()
+    """Whether `make peers` was run, and KISS-SLAM can be imported there."""
+    if not INTERPRETER.exists():
+        return False
+    command = [str(INTERPRETER), "-c", "import kiss_slam.slam"]
+    return subprocess.run(command, env=ENVIRONMENT, capture_output=True, check=False).returncode == 0
 
 
 def kiss_slam(clouds: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64], float, int]:
@@ -30,9 +35,7 @@ def kiss_slam(clouds: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64], f
         given, found = Path(folder) / "clouds.npz", Path(folder) / "poses.npz"
         np.savez(given, **{f"cloud_{k}": cloud.astype(np.float32) for k, cloud in enumerate(clouds)})  # type: ignore[arg-type]
         command = [str(INTERPRETER), str(Path(__file__).resolve()), str(given), str(found)]
-        # The start-up hook of the ROS wheels would lead the other interpreter into this environment.
-        environment = {"PATH": "/usr/bin:/bin", "OMP_NUM_THREADS": "1"}
-        subprocess.run(command, check=True, env=environment, stdout=subprocess.DEVNULL)
+        subprocess.run(command, check=True, env=ENVIRONMENT, stdout=subprocess.DEVNULL)
         with np.load(found) as data:
             return data["poses"], float(data["seconds"]), int(data["closures"])
 
