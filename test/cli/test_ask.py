@@ -58,6 +58,18 @@ def test_without_a_store_it_ends_with_two(tmp_path: Path) -> None:
     assert run(other, "where is the cup")[0] == 2
 
 
+def test_places_that_are_not_there_are_named_with_what_to_do(store: Path) -> None:
+    for words in ((store, "where is the cup"), ("where is the cup",)):
+        code, text = run("--places", "nope.yaml", *words)
+        assert code == 2
+        assert "--places nope.yaml: there is no such file" in text
+        assert "leave --places out" in text
+
+
+def test_what_is_not_known_is_said_without_an_article(store: Path) -> None:
+    assert 'no "cup\'s handle"' in run(store, "where is the cup's handle")[1]
+
+
 def test_a_question_may_look_like_a_path() -> None:
     assert stored(["where is /home/me"]) == (None, "where is /home/me")
     assert stored(["x" * 5000, "y"])[0] is None

@@ -85,7 +85,7 @@ async def reading(client: Client) -> None:
     for tool, given, sentence in (
         ("where_is", {}, "where_is: name is missing."),
         ("where_is", {"name": 5}, "where_is: name must be a valid string."),
-        ("ask", {"question": "x" * 501}, "ask: question "),
+        ("ask", {"question": "x" * 501}, "ask: question must have at most 500 characters."),
         ("fly", {}, "There is no tool fly; there are "),
     ):
         result = await client.call_tool(tool, given)
@@ -166,6 +166,8 @@ def test_what_is_allowed_corrects_the_store(store: Path) -> None:
             assert (await called(client, "forget", name="red cup"))["ok"]
             assert (await called(client, "where_is", name="cup-1"))["value"] is None
             assert not (await called(client, "forget", name="unicorn"))["ok"]
+            again = await called(client, "forget", name="cup-1")
+            assert again["sentence"] == "cup-1 (red) is no longer there: there is nothing to change."
             search = await called(client, "find_object", name="bowl")
             assert "whereabouts run" in search["sentence"]
 

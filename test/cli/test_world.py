@@ -163,7 +163,7 @@ def test_learning_says_how_far_it_is(
         (["--region", "attic"], "unknown place 'attic'"),
         (["--predicate", "shiny"], "unknown predicate 'shiny'"),
         (["--params", "/nowhere.yaml"], "/nowhere.yaml: cannot be read"),
-        (["--places", "/nowhere.yaml"], "/nowhere.yaml"),
+        (["--places", "/nowhere.yaml"], "--places /nowhere.yaml: there is no such file; name"),
     ],
 )
 def test_what_makes_no_sense_is_refused_by_name(

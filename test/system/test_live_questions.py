@@ -17,7 +17,9 @@ from mcp.client.stdio import stdio_client
 from rclpy.action.server import ActionServer, CancelResponse
 from test_world_model import ON_COUNTER, ON_TABLE, World, seen
 
+from estimation.geometry.places import Places
 from whereabouts.nodes.live import live_actions
+from whereabouts.nodes.live import live_world as live_world_module
 from whereabouts.nodes.live.live_actions import find, forget, goal_for
 from whereabouts.nodes.live.live_world import Client, NoWorldError, live_world
 from whereabouts_msgs.action import FindObject
@@ -60,6 +62,25 @@ def test_the_live_world_is_asked_and_told(
 def test_without_a_node_it_is_said(client: Client) -> None:
     with pytest.raises(NoWorldError, match="whereabouts run"), live_world(client):
         pass
+
+
+def test_a_world_model_that_has_seen_nothing_is_not_to_be_started(
+    graph: Graph, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_world_module, "PATIENCE", 0.2)
+    World(graph)
+    graph.until(lambda: client.node.count_publishers("world_state"), "the world model is seen")
+    with pytest.raises(NoWorldError, match="runs, but nothing has been seen yet"), live_world(client):
+        pass
+
+
+def test_other_places_are_those_of_the_question(graph: Graph, client: Client) -> None:
+    world = World(graph)
+    world.look(0.0, 12, seen(ON_TABLE, "cup", "red"))
+    around = [[ON_TABLE[0] + x, ON_TABLE[1] + y] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    stage = Places.from_mapping({"places": {"stage": {"polygon": around, "kind": "furniture"}}})
+    with live_world(client, stage) as known:
+        assert ask(known, "where is the red cup?").value == "stage"
 
 
 def test_a_search_tells_its_steps_and_is_cancelled(

@@ -21,7 +21,7 @@ from whereabouts.agents.knowledge import Knowledge
 from world_model import questions
 from world_model.questions import Answer, Recall, answered
 from world_model.questions.answers import clean, iso, listed
-from world_model.questions.naming import one_named
+from world_model.questions.naming import one_present
 
 INSTRUCTIONS = (
     "What a robot remembers of its home: where objects are and were, what changed, what is missing, who was where. "
@@ -109,7 +109,7 @@ def _misused(tool: str, error: ValidationError) -> str:
     for each in error.errors(include_url=False):
         argument = ".".join(map(str, each["loc"])) or "the arguments"
         missing = each["type"] == "missing"
-        said = each["msg"].removeprefix("Input ").replace("should", "must", 1)
+        said = each["msg"].removeprefix("Input ").removeprefix("String ").replace("should", "must", 1)
         parts.append(f"{argument} is missing" if missing else f"{argument} {said}")
     return f"{tool}: {clean('; '.join(parts), 400)}."
 
@@ -225,7 +225,7 @@ def _changed(knowledge: Knowledge, tool: str, name: str, class_name: str) -> Tol
     named: list[str] = []
 
     def choose(world: Recall) -> Answer:
-        named.append(one_named(world, name, past=False))
+        named.append(one_present(world, name))
         return Answer("", tool, 1.0, iso(world.now))
 
     chosen = _asked(knowledge, choose)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from estimation.errors import WhereaboutsError
+from whereabouts.cli.common import require_places
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -44,7 +45,8 @@ def ask(
     """Ask where things are and were, what changed, what is missing, who was where.
 
     The first argument is the store if there is such a file; without one the running node world_model is asked. Exit
-    status: 0 answered, 1 not understood (it is said what can be asked), 2 no store and no running node.
+    status: 0 answered, 1 not understood (it is said what can be asked), 2 no store and no running node, or
+    one that has seen nothing yet.
     """
     import json
 
@@ -59,9 +61,6 @@ def ask(
         sys.exit(NO_WORLD)
     typer.echo(json.dumps(answer.to_dict(), indent=2, ensure_ascii=False) if as_json else answer.sentence)
     if not answer.understood:
-        if not as_json:
-            for example in answer.choices:
-                typer.echo(f"  {example}?", err=True)
         sys.exit(NOT_UNDERSTOOD)
 
 
@@ -84,12 +83,14 @@ def opened(store: Path | None, places: Path | None = None, namespace: str = "") 
     from estimation.errors import InputError
     from estimation.geometry.places import Places
 
+    require_places(places)
+    others = Places.load(places) if places else None
     if store is None:
         from whereabouts.nodes.live.live_world import Client, live_world
 
         client = Client(namespace)
         try:
-            with live_world(client) as world:
+            with live_world(client, others) as world:
                 yield world
         finally:
             client.close()
@@ -101,7 +102,7 @@ def opened(store: Path | None, places: Path | None = None, namespace: str = "") 
     if store.is_file() and not is_store(store):
         raise InputError(f"{store}: is no world model's store")
     with Store(store, read_only=True) as source:
-        yield Recall.of_store(source, Places.load(places) if places else None)
+        yield Recall.of_store(source, others)
 
 
 def without_ros(error: Exception) -> str:

@@ -61,6 +61,16 @@ def file_to_write(option: str, metavar: str, what: str) -> Any:
     return typer.Option(option, metavar=metavar, help=what, callback=target_file)
 
 
+def require_places(path: Path | None) -> None:
+    """Raises InputError where --places names no file."""
+    from estimation.errors import InputError
+
+    if path is not None and not path.is_file():
+        raise InputError(
+            f"--places {path}: there is no such file; name a YAML file with rooms and furniture, or leave --places out"
+        )
+
+
 AnyLog = Annotated[
     Path,
     typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag."),

@@ -73,12 +73,12 @@ def forget(name: Named, store: StoreFile = None, namespace: Namespace = "") -> N
         return
     from estimation.errors import WhereaboutsError
     from whereabouts.agents.knowledge import Knowledge
-    from world_model.questions.naming import one_named
+    from world_model.questions.naming import one_present
 
     try:
         knowledge = Knowledge(store, ("forget",))
         try:
-            object_id = knowledge.ask(lambda world: one_named(world, words, past=False))
+            object_id = knowledge.ask(lambda world: one_present(world, words))
             knowledge.change(lambda model: model.forget(object_id))
         finally:
             knowledge.close()
@@ -89,10 +89,10 @@ def forget(name: Named, store: StoreFile = None, namespace: Namespace = "") -> N
 
 def _forgotten(actions: Any, client: Any, words: str) -> Done:
     from whereabouts.nodes.live.live_world import live_world
-    from world_model.questions.naming import one_named
+    from world_model.questions.naming import one_present
 
     with live_world(client) as world:
-        object_id = one_named(world, words, past=False)
+        object_id = one_present(world, words)
     done: Done = actions.forget(client, object_id)
     return done
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, file_to_write, write_figures
+from whereabouts.cli.common import JsonFile, file_to_write, require_places, write_figures
 from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
@@ -98,6 +98,7 @@ def world(
     from whereabouts.recorded.world_output import moment, write_events, write_looked_back
     from world_model.memory.store_file import is_store
 
+    require_places(places)
     named = {"places_file": places, "store_path": store}
     over = {name: str(path) for name, path in named.items() if path is not None}
     settings = settings_for(params, "world_model", **over)

@@ -24,7 +24,7 @@ AT, NOT_AT = (
 )
 PREPOSITIONS = f"{NOT_AT}|{AT}"
 _ARTICLES = re.compile(
-    r"^(?:(?:the|a|an|my|your|our|his|her|their|this|that|any|some|all|other|one of the) )+"
+    r"^(?:(?:the|a|an|my|your|our|his|her|their|this|that|any|some|all|other|one of the) )+", re.IGNORECASE
 )
 _OBJECTS = ("thing", "one", "object", "item", "anything", "something", "everything", "stuff")
 
@@ -232,6 +232,14 @@ def one_named(world: Recall, words: str, past: bool = True) -> str:
     raise AmbiguousError(f"Which one: {listed(shown, 8, 'or')}?", ids)
 
 
+def one_present(world: Recall, words: str) -> str:
+    """The one object that words stand for and that is there. Raises NothingKnownError or AmbiguousError."""
+    name = one_named(world, words, past=False)
+    if name not in world.present:
+        raise NothingKnownError(f"{described(world, name)} is no longer there: there is nothing to change.")
+    return name
+
+
 def where_words(world: Recall, object_id: str) -> str:
     """ "on the desk", or that it is not there."""
     line = world.latest(object_id)
@@ -375,12 +383,10 @@ def _is_at(world: Recall, object_id: str, place: str) -> bool:
 
 
 def _nothing(world: Recall, words: str, place: str) -> str:
-    said = clean(plain(words) or words)
+    said = clean(_ARTICLES.sub("", words.strip(" ?!.,")) or words)
     if place:
         return f'I know of no "{said}" now.'
     known = sorted(set(classes(world).values()))
     if not known:
         return f'I know of no "{said}": nothing has been seen yet.'
-    return (
-        f'I know of no "{clean(words)}"; what I have seen are of the classes {listed(map(clean, known), 20)}.'
-    )
+    return f'I know of no "{said}"; what I have seen are of the classes {listed(map(clean, known), 20)}.'

@@ -75,6 +75,11 @@ class Client:
         subscription = self.node.create_subscription(StateMessage, "world_state", heard.append, qos)
         self.until(lambda: bool(heard))
         self.node.destroy_subscription(subscription)
+        if not heard and self.node.count_publishers("world_state"):
+            raise NoWorldError(
+                "the world model runs, but nothing has been seen yet: it waits for evidence, detections or targets; "
+                "`whereabouts doctor` tells of trouble"
+            )
         if not heard:
             raise NoWorldError(
                 "no live world: nobody says world_state; start the suite with `whereabouts run world_model`, or name a "
@@ -90,11 +95,12 @@ class Client:
 
 
 @contextmanager
-def live_world(client: Client) -> Iterator[Recall]:
-    """What the node `world_model` knows. Raises NoWorldError where none runs."""
+def live_world(client: Client, places: Places | None = None) -> Iterator[Recall]:
+    """What the node `world_model` knows. places : in place of its own. Raises NoWorldError where it says nothing."""
     message = client.state()
     path, places_file, symbols_file = client.parameters("store_path", "places_file", "predicates_file")
-    places = Places.load(places_file) if places_file and Path(places_file).is_file() else None
+    if places is None and places_file and Path(places_file).is_file():
+        places = Places.load(places_file)
     symbols = (
         Symbols.load(symbols_file) if symbols_file and Path(symbols_file).is_file() else default_symbols()
     )
