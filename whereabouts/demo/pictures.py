@@ -33,13 +33,6 @@ def canvas(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def save(figure: Any, path: Path) -> None:
-    """Write a PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    FigureCanvasAgg(figure).print_png(str(path))
-
-
 def draw_map(path: Path, home: Apartment, said: Said, tracks: Trajectories) -> None:
     """The occupancy grid with the robot's way through it."""
     figure, ((axes,),) = canvas(1, 1, (9.5, 7.6))
@@ -54,7 +47,7 @@ def draw_map(path: Path, home: Apartment, said: Said, tracks: Trajectories) -> N
             axes.text(low[0] + 0.12, low[1] + 0.12, name.replace("_", " "), color="#5b6b78", fontsize=9)
     axes.legend(loc="upper left", frameon=False)
     plain(axes, "map after the run")
-    save(figure, path)
+    figure.savefig(path, format="png")
 
 
 def draw_trajectories(path: Path, home: Apartment, tracks: Trajectories) -> None:
@@ -81,7 +74,7 @@ def draw_trajectories(path: Path, home: Apartment, tracks: Trajectories) -> None
     over.set(xlabel="seconds of the bag", ylabel="distance from the truth [m]", title="error")
     over.grid(alpha=0.25)
     over.legend(loc="upper left", fontsize=8, framealpha=0.9)
-    save(figure, path)
+    figure.savefig(path, format="png")
 
 
 def draw_people(path: Path, home: Apartment, said: Said, truth: Truth, ospa: tuple[Array, Array]) -> None:
@@ -125,7 +118,7 @@ def draw_people(path: Path, home: Apartment, said: Said, truth: Truth, ospa: tup
     )
     over.legend(loc="upper right", fontsize=8, framealpha=0.9)
     over.grid(alpha=0.25)
-    save(figure, path)
+    figure.savefig(path, format="png")
 
 
 def draw_predictions(
@@ -154,7 +147,7 @@ def draw_predictions(
             ("goals", "#d62728", "s"),
         ],
     )
-    save(figure, path)
+    figure.savefig(path, format="png")
 
 
 def _prediction(axes: Any, prediction: SaidPrediction, person: Tracked | None) -> None:
@@ -208,7 +201,7 @@ def draw_worlds(path: Path, home: Apartment, said: Said, truth: Truth, moments: 
         )
     for axes in panels.ravel()[len(moments) :]:
         axes.axis("off")
-    save(figure, path)
+    figure.savefig(path, format="png")
 
 
 def _symbols(axes: Any, things: Sequence[TrueThing]) -> None:
@@ -275,7 +268,7 @@ def draw_search(
         axes.plot([], [], "*", color="#ff7f0e", markersize=12, label="goals, in the order of their numbers")
     axes.legend(loc="upper left", fontsize=9, framealpha=0.9)
     plain(axes, "search")
-    save(figure, path)
+    figure.savefig(path, format="png")
 
 
 def _ranges(numbers: Sequence[int]) -> str:

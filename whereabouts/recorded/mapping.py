@@ -145,7 +145,6 @@ def draw_grid(
     path: Path, grid: OccupancyGrid, poses: Array, closures: list[tuple[Array, Array]] | None = None
 ) -> None:
     """The grid from above with the trajectory (N, 2 | 3) through it and lines between closed places."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 
@@ -165,7 +164,7 @@ def draw_grid(
         axes.add_collection(lines)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
-    FigureCanvasAgg(figure).print_png(str(path))
+    figure.savefig(path, format="png")
 
 
 def write_map_files(slam: Slam, picture: Path, warn: Callable[[str], None] = lambda text: None) -> None:

@@ -46,7 +46,6 @@ class PictureSink:
 
     def write(self) -> None:
         """Draw the picture."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(11.0, 7.0), dpi=120, layout="constrained")
@@ -63,7 +62,7 @@ class PictureSink:
         axes.set_ylabel("y [m]")
         for path, shape in self._shapes.items():
             self._add(axes, shape, self.transform(path))
-        FigureCanvasAgg(figure).print_png(str(self._path))
+        figure.savefig(self._path, format="png")
 
     def _plot(self, axes: Any, name: str, series: Array) -> None:
         axes.step(series[:, 0] - series[0, 0], series[:, 1], where="post", linewidth=1.0)

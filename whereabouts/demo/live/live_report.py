@@ -251,7 +251,7 @@ def draw(path: Path, told: LiveTold) -> None:
         axes.plot(*spots.T, "s", color=PEOPLE, markersize=6, label="stood for somebody")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.04), ncol=3, fontsize=9, frameon=False)
     pictures.plain(axes, f"{story.ended:.0f} s of a simulated day")
-    pictures.save(figure, path)
+    figure.savefig(path, format="png")
 
 
 def _draw_people(axes: Any, story: Story) -> None:
