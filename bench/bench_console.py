@@ -33,7 +33,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from evaluation.browser import CHROMIUM, Browser
-from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.nodes.runtime.suite_run import prepare_environment
 from whereabouts_msgs.msg import (
     DiscreteDistribution,

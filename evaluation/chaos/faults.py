@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 
 from evaluation.chaos.generator import START, Fuzzer
@@ -22,8 +21,8 @@ from evaluation.chaos.network import Link
 from whereabouts.node_interfaces import NODE_INTERFACES
 from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.ros.base import LATCHED
 from whereabouts.nodes.ros.private_node import private_node
+from whereabouts.nodes.ros.qos import HEARD_LATCHED, LATCHED
 from whereabouts.nodes.runtime.supervisor import NodeSpec, Supervisor
 from whereabouts_msgs.msg import Attribute, DiscreteDistribution, ObjectEvidence, WorldEvidence, WorldState
 
@@ -31,7 +30,6 @@ PATIENCE = 300.0
 BURST = 20  # broken messages for each input between two looks
 # m by which what is known may be elsewhere and is still the same; columns of things on the floor, and m between them.
 SAME, COLUMNS, APART = 0.3, 20, 2.0
-STATE_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 Spot = tuple[float, float]
 
 
@@ -93,7 +91,7 @@ class Laboratory:
         self.now = START
         self._fuzzer = Fuzzer(seed)
         self._evidence = self.node.create_publisher(WorldEvidence, "evidence", 100)
-        self.node.create_subscription(WorldState, "world_state", self._hear, STATE_QOS)
+        self.node.create_subscription(WorldState, "world_state", self._hear, HEARD_LATCHED)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._note, 10)
         self._said, self._runs = "no diagnostics", 0
         self._publishers: dict[tuple[str, str], Any] = {}

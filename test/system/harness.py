@@ -28,8 +28,8 @@ from registration import Scan
 from whereabouts.nodes.messages.conversions import array_of, fill_pose, spatial
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
-from whereabouts.nodes.ros.base import TF_STATIC_QOS
 from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.qos import TF_STATIC_QOS
 from whereabouts.nodes.runtime.dead_ends import DeadEnds
 from whereabouts.nodes.runtime.supervisor import NodeSpec, Supervisor
 from whereabouts.simulation import Drive, Lidar, Shapes, box, joined

@@ -29,7 +29,7 @@ from vision_msgs.msg import (
 )
 
 from whereabouts.nodes.messages.stamps import time_message
-from whereabouts.nodes.ros.base import TF_STATIC_QOS
+from whereabouts.nodes.ros.qos import TF_STATIC_QOS
 from whereabouts.simulation.home.apartment_camera import Item
 from whereabouts.simulation.home.floor_plan import apartment, places_file
 from world_model.camera import ImageBox

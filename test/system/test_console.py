@@ -22,7 +22,7 @@ from whereabouts.console.console_server import Console
 from whereabouts.console.heard import TOPICS, Heard
 from whereabouts.console.sources import ConsoleError
 from whereabouts.nodes.live.console_source import LiveSource, reader_of
-from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts_msgs.msg import (
     Attribute,
     DiscreteDistribution,

@@ -21,7 +21,7 @@ from whereabouts.cli.run import NODES
 from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import transform_message
-from whereabouts.nodes.ros.base import TF_STATIC_QOS
+from whereabouts.nodes.ros.qos import TF_STATIC_QOS
 from whereabouts.simulation import Drive, Lidar
 from whereabouts_msgs.msg import Processed
 

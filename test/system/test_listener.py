@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from whereabouts.nodes.live.listener import Listener
-from whereabouts.nodes.ros.base import LATCHED, TF_STATIC_QOS
+from whereabouts.nodes.ros.qos import LATCHED, TF_STATIC_QOS
 from whereabouts.simulation import Lidar
 from whereabouts.viewer.drawable import Points
 from whereabouts.viewer.scene import Scene

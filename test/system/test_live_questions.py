@@ -114,6 +114,22 @@ def test_a_search_tells_its_steps_and_is_cancelled(
     server.destroy()
 
 
+def test_a_search_that_failed_has_found_nothing(graph: Graph, client: Client) -> None:
+    def fail(handle: Any) -> FindObject.Result:
+        handle.abort()
+        return FindObject.Result()
+
+    server = ActionServer(graph.node, FindObject, "find_object", fail)
+
+    def spun() -> bool:
+        graph.executor.spin_once(timeout_sec=0.01)
+        return False
+
+    done = find(client, goal_for("red cup", None), stopped=spun)
+    assert (done.ok, done.sentence) == (False, "The search failed; its log says why.")
+    server.destroy()
+
+
 async def _soon(graph: Graph) -> None:
     """Give way once."""
     from rclpy.task import Future

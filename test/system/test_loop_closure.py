@@ -30,7 +30,7 @@ from whereabouts.nodes.messages.conversions import cloud_message, fill_pose, spa
 from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
-from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
 from whereabouts.nodes.runtime.supervisor import NodeSpec
 from whereabouts.simulation import Drive, Lidar, Shapes, Wheels, box, joined

@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from test_loop_closure import Mapper
 
 from estimation.geometry.poses import between
-from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.simulation import Drive, Lidar
 from whereabouts_msgs.msg import LoopClosure
 

@@ -18,7 +18,7 @@ from visualization_msgs.msg import MarkerArray
 from whereabouts.nodes.messages.conversions import points_from_message
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, seconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
-from whereabouts.nodes.ros.base import LATCHED, TF_QOS, TF_STATIC_QOS
+from whereabouts.nodes.ros.qos import LATCHED, TF_QOS, TF_STATIC_QOS
 from whereabouts_msgs.msg import PredictedPathArray, Processed, Target, TargetArray
 from whereabouts_msgs.srv import LoadState, Reset, SaveState
 

@@ -19,7 +19,7 @@ from test_search_and_maintenance import TABLE, House, figures, run_until, start_
 
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.navigation.goals import Navigator
-from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.recorded.evidence_messages import NOT_FOUND
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import ObjectEvidence, WorldEvidence

@@ -15,7 +15,7 @@ from tracking.intentions import Prediction
 from tracking.intentions.prediction import PredictedWay
 from whereabouts.nodes.messages.intention_messages import PathMarkers
 from whereabouts.nodes.navigation.keepout_mask import Reach, mask_values
-from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.ros.qos import LATCHED
 
 CostmapFilterInfo = pytest.importorskip("nav2_msgs.msg").CostmapFilterInfo
 UNKNOWN, LETHAL = 255, 254

@@ -21,7 +21,7 @@ from whereabouts.logs import TransformRecord, open_log
 from whereabouts.nodes.messages.conversions import fill_pose, spatial
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
-from whereabouts.nodes.ros.base import TF_STATIC_QOS
+from whereabouts.nodes.ros.qos import TF_STATIC_QOS
 from whereabouts.simulation.small_robot import record
 
 PLANAR = [0, 1, 5]

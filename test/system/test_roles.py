@@ -12,7 +12,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
 
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.ros.inputs import HEARD_LATCHED
+from whereabouts.nodes.ros.qos import HEARD_LATCHED
 from whereabouts_msgs.msg import WorldEvidence, WorldState
 
 

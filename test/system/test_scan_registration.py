@@ -187,7 +187,7 @@ def test_two_robots_in_two_namespaces_do_not_meet(graph: Graph) -> None:
         transform = TransformStamped()
         transform.header.frame_id, transform.child_frame_id = "base_link", "laser"
         transform.transform.rotation.w = 1.0
-        from whereabouts.nodes.ros.base import TF_STATIC_QOS
+        from whereabouts.nodes.ros.qos import TF_STATIC_QOS
 
         graph.publish(f"/{name}/tf_static", TFMessage(transforms=[transform]), TF_STATIC_QOS)
     for time in np.arange(0.0, 1.5, 0.1):
@@ -351,7 +351,7 @@ def test_bad_transforms_are_refused_and_good_ones_of_the_same_message_kept(graph
     spec = graph.start(NODE)
     from harness import mounting
 
-    from whereabouts.nodes.ros.base import TF_STATIC_QOS
+    from whereabouts.nodes.ros.qos import TF_STATIC_QOS
 
     broken = mounting("broken", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     good = mounting("laser", (0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0))

@@ -19,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 from whereabouts.nodes.messages.conversions import spatial_covariance
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
-from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts_msgs.action import FindObject, VerifyObject
 from whereabouts_msgs.msg import (
     Attribute,

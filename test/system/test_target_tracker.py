@@ -163,7 +163,7 @@ def still_there(graph: Graph, time: float) -> None:
     from tf2_msgs.msg import TFMessage
 
     from whereabouts.nodes.messages.transforms import transform_message
-    from whereabouts.nodes.ros.base import TF_QOS
+    from whereabouts.nodes.ros.qos import TF_QOS
 
     stamp = START + round(time * NANOSECONDS)
     transform = transform_message("odom", "base_link", stamp, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))

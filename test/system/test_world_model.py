@@ -20,8 +20,7 @@ from visualization_msgs.msg import MarkerArray
 
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
-from whereabouts.nodes.ros.base import TF_STATIC_QOS
-from whereabouts.nodes.world.world_publisher import STATE_QOS
+from whereabouts.nodes.ros.qos import HEARD_LATCHED, TF_STATIC_QOS
 from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts_msgs.msg import (
     Attribute,
@@ -87,7 +86,7 @@ class World:
 
     def __init__(self, graph: Graph, **parameters: Any) -> None:
         self.graph = graph
-        self.states: list[WorldState] = graph.collect(WorldState, "world_state", STATE_QOS)
+        self.states: list[WorldState] = graph.collect(WorldState, "world_state", HEARD_LATCHED)
         self.diagnostics: list[DiagnosticArray] = graph.collect(DiagnosticArray, "/diagnostics")
         self.processed: list[Processed] = graph.collect(Processed, "world_model/processed")
         settings = {

@@ -2,9 +2,6 @@
 
 from whereabouts.nodes.ros.base import (
     HOUSEKEEPING_PERIOD,
-    LATCHED,
-    TF_QOS,
-    TF_STATIC_QOS,
     NodeType,
     SuiteNode,
     exit_with,
@@ -12,6 +9,7 @@ from whereabouts.nodes.ros.base import (
     start,
 )
 from whereabouts.nodes.ros.diagnostics import MOST_SILENCED, WARNING_PERIOD
+from whereabouts.nodes.ros.qos import LATCHED, TF_QOS, TF_STATIC_QOS
 
 __all__ = [
     "HOUSEKEEPING_PERIOD",

@@ -37,9 +37,9 @@ from whereabouts.nodes.messages.intention_messages import (
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.navigation.keepout_mask import PeopleMask, Reach
-from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
-from whereabouts.nodes.ros.inputs import EVENTS
+from whereabouts.nodes.ros.qos import EVENTS, LATCHED
 from whereabouts.parameters.motion_predictor import MotionPredictorParameters
 from whereabouts.system.counting import counted
 from whereabouts.system.state_files import StateFiles, keep_foreign

@@ -27,9 +27,9 @@ from whereabouts.nodes.navigation.base_claim import BaseClaim
 from whereabouts.nodes.navigation.errands import is_errand
 from whereabouts.nodes.navigation.goals import PATIENCE, SAME, Approach
 from whereabouts.nodes.navigation.nav2 import figures_of, navigator_of
-from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
-from whereabouts.nodes.ros.inputs import HEARD_LATCHED
+from whereabouts.nodes.ros.qos import HEARD_LATCHED, LATCHED
 from whereabouts.parameters.object_search import BELIEVED, ObjectSearchParameters
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldState as StateMessage

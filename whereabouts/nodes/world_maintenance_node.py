@@ -34,9 +34,9 @@ from whereabouts.nodes.messages.world_reading import (
 )
 from whereabouts.nodes.navigation.errands import Errands
 from whereabouts.nodes.navigation.nav2 import figures_of, navigator_of
-from whereabouts.nodes.ros.base import LATCHED, SuiteNode, exit_with
+from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
-from whereabouts.nodes.ros.inputs import HEARD_LATCHED
+from whereabouts.nodes.ros.qos import HEARD_LATCHED, LATCHED
 from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
 from whereabouts.recorded.evidence_messages import NOT_FOUND
 from whereabouts_msgs.action import VerifyObject

@@ -25,7 +25,7 @@ from whereabouts.nodes.messages.world_messages import by_id
 from whereabouts.nodes.messages.world_reading import paths_from_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
-from whereabouts.nodes.ros.inputs import EVENTS
+from whereabouts.nodes.ros.qos import EVENTS
 from whereabouts.nodes.world.camera_door import CameraDoor
 from whereabouts.nodes.world.seen_frames import SeenFrames
 from whereabouts.nodes.world.world_publisher import WorldPublisher

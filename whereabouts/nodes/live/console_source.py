@@ -11,9 +11,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from action_msgs.msg import GoalStatus
-from rclpy.action.client import ActionClient
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from whereabouts.console.heard import EVERY_ONE, TOPICS, Heard
@@ -21,12 +18,14 @@ from whereabouts.console.shown import Shown
 from whereabouts.console.sources import ConsoleError, StoreSource
 from whereabouts.messages.cdr import UnreadableTypeError, reader
 from whereabouts.nodes.live.live_actions import goal_for
+from whereabouts.nodes.live.searching import Search, Searches
 from whereabouts.nodes.messages.message_types import definition, message_class
 from whereabouts.nodes.ros.private_node import leave, private_node
+from whereabouts.nodes.ros.qos import LATCHED, best_effort
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import SaveMap
 
-LATCHED = frozenset({"map", "tf_static", "world_state", "search_goal", "maintenance_goal"})
+KEPT = frozenset({"map", "tf_static", "world_state", "search_goal", "maintenance_goal"})
 DEPTH = 50
 ANSWER_WITHIN = 10.0
 """s that a service or the search has to answer a request."""
@@ -51,14 +50,13 @@ class LiveSource:
         self._count = 0
         self._asked: Shown | None = None
         self._search: Shown | None = None
-        self._goal: Any = None
+        self._running: Search | None = None
         self._ended = threading.Event()
         self.unusable: Counter[str] = Counter()
         for topic, name in TOPICS.items():
-            self._node.create_subscription(
-                message_class(name), topic, self._keep(topic), _qos(topic), raw=True
-            )
-        self._find = ActionClient(self._node, FindObject, "find_object")
+            qos = LATCHED if topic in KEPT else best_effort(DEPTH)
+            self._node.create_subscription(message_class(name), topic, self._keep(topic), qos, raw=True)
+        self._searches = Searches(self._node)
         self._save = self._node.create_client(SaveMap, "loop_closure/save_map")
         self._thread = threading.Thread(target=self._spin, name="console", daemon=True)
 
@@ -142,17 +140,17 @@ class LiveSource:
         name = str(arguments.get("name", "")).strip()
         if not name:
             raise ConsoleError("say what to find")
-        if not self._find.server_is_ready():
+        if not self._searches.ready:
             raise ConsoleError("the search does not run: `whereabouts run object_search` starts it")
         known = any(item["id"] == name for item in self.world()["things"])
         goal = FindObject.Goal(object_id=name) if known else self._goal_for(name)
         asked = self._asked = self._search = {"name": name, "text": "asked", "done": False}
-        sent = self._find.send_goal_async(goal, feedback_callback=lambda said: self._told(asked, said))
-        self._goal = self._answer(sent, "the search")
-        if not self._goal.accepted:
-            self._search = None
+        self._running = self._searches.ask(
+            goal, lambda step: self._told(asked, step), lambda result: self._found(asked, result)
+        )
+        if not self._answer(self._running.answered, "the search").accepted:
+            self._running = self._search = None
             raise ConsoleError("the search refused; it may be busy")
-        self._goal.get_result_async().add_done_callback(lambda done: self._found(asked, done.result()))
         return f"searching for {name}"
 
     def _goal_for(self, name: str) -> FindObject.Goal:
@@ -160,26 +158,24 @@ class LiveSource:
             return goal_for(name, None)
         return self._past.told(lambda world: goal_for(name, world))
 
-    def _told(self, asked: Shown, said: Any) -> None:
+    def _told(self, asked: Shown, step: FindObject.Feedback) -> None:
         # A search ends when another one is asked for: what it says last is not about the new one.
         if asked is self._asked:
-            self._search = {**asked, "text": str(said.feedback.reason)}
+            self._search = {**asked, "text": str(step.reason)}
             self._count += 1
 
-    def _found(self, asked: Shown, ended: Any) -> None:
+    def _found(self, asked: Shown, result: FindObject.Result) -> None:
         if asked is self._asked:
-            found = (
-                ended.status == GoalStatus.STATUS_SUCCEEDED and ended.result.code == FindObject.Result.FOUND
-            )
-            self._search = {**asked, "text": str(ended.result.message), "done": True, "found": found}
-            self._goal = None
+            found = result.code == FindObject.Result.FOUND
+            self._search = {**asked, "text": str(result.message), "done": True, "found": found}
+            self._running = None
             self._count += 1
 
     def _cancel(self, _: dict[str, Any]) -> str:
-        goal = self._goal
-        if goal is None:
+        running = self._running
+        if running is None:
             raise ConsoleError("nothing is being searched for")
-        self._answer(goal.cancel_goal_async(), "the search")
+        self._answer(running.cancel(), "the search")
         return "the search is being cancelled"
 
     def _save_map(self, arguments: dict[str, Any]) -> str:
@@ -210,11 +206,3 @@ def reader_of(type_name: str) -> Callable[[bytes], Any]:
         return reader(type_name, definition(type_name))
     except UnreadableTypeError:
         return lambda data: deserialize_message(data, message_class(type_name))
-
-
-def _qos(topic: str) -> QoSProfile:
-    if topic in LATCHED:
-        return QoSProfile(
-            depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-        )
-    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)

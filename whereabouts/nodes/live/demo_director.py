@@ -9,15 +9,15 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from rclpy.action.client import ActionClient
 from rclpy.executors import ExternalShutdownException
 from std_msgs.msg import Bool
 
 from whereabouts.logs import RawMessage
+from whereabouts.nodes.live.searching import ACTION, Search, Searches
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts.nodes.ros.base import LATCHED
 from whereabouts.nodes.ros.private_node import private_node
-from whereabouts.nodes.ros.turns import goal_id, goals_name, mark_of, results_name
+from whereabouts.nodes.ros.qos import LATCHED
+from whereabouts.nodes.ros.turns import goals_name, mark_of, results_name
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import TriggerVerification
 
@@ -69,7 +69,7 @@ class Director:
         self._verify_at, self._search_at = verify_at, search_at
         self._now = 0.0
         self._base_taken = False
-        self._result: Any = None
+        self._running: Search | None = None
         self.note: Callable[[str], None] = lambda name: None
         self.is_over: Callable[[str], bool] | None = None
 
@@ -77,9 +77,9 @@ class Director:
         self._node, self._executor = private_node("whereabouts_demo")
         self._base = self._node.create_publisher(Bool, "base_available", LATCHED)
         self._trigger = self._node.create_client(TriggerVerification, "world_maintenance/trigger")
-        self._find = ActionClient(self._node, FindObject, "find_object")
+        self._searches = Searches(self._node)
         self._action, self._me = (
-            self._node.resolve_topic_name("find_object"),
+            self._node.resolve_topic_name(ACTION),
             self._node.get_fully_qualified_name(),
         )
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -87,8 +87,8 @@ class Director:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._result is not None and self._result.done():
-            self._end()
+        if self._running is not None and self._running.result is not None:
+            self._end(self._running)
         self._node.context.try_shutdown()
         self._thread.join()
         self._node.destroy_node()
@@ -104,8 +104,9 @@ class Director:
         if not self._base_taken:
             self._base_taken = True
             self._take_base()
-        if self._result is not None and (self._result.done() or self._is_over()):
-            self._end()
+        running = self._running
+        if running is not None and (running.result is not None or self._is_over()):
+            self._end(running)
         if self.account.verified_at is None and self._now >= self._verify_at:
             self._verify()
         if self.account.started is None and self._now >= self._search_at:
@@ -121,23 +122,23 @@ class Director:
 
     def _search(self) -> None:
         self.account.started = self._now
-        if not self._find.wait_for_server(PATIENCE):
+        if not _until(lambda: self._searches.ready):
             self.account.outcome = "no node offers the action find_object"
             return
         goal = FindObject.Goal(class_name=self.account.search)
         self.note(goals_name(self._action))
-        future = self._find.send_goal_async(goal, self._told, goal_id(self._me))
-        if not _wait(future) or not future.result().accepted:
+        search = self._searches.ask(goal, self._told)
+        if not _until(search.answered.done) or not search.answered.result().accepted:
             self.account.outcome = "the search was refused"
             return
-        self._result = future.result().get_result_async()
+        self._running = search
         # The bag goes on when the search has said what it is about to do, or that it knows already. In lock-step it
         # begins when its node has its turn.
         if self.is_over is None:
-            _until(lambda: bool(self.account.steps) or self._result.done())
+            _until(lambda: bool(self.account.steps) or search.result is not None)
 
-    def _told(self, message: Any) -> None:
-        said, at = message.feedback, message.feedback.goal.pose.position
+    def _told(self, said: FindObject.Feedback) -> None:
+        at = said.goal.pose.position
         self.account.steps.append(
             DirectedStep(self._now, said.kind, said.object_id, said.reason, (at.x, at.y), said.probability)
         )
@@ -145,12 +146,12 @@ class Director:
     def _is_over(self) -> bool:
         return self.is_over is not None and self.is_over(results_name(self._action, mark_of(self._me)))
 
-    def _end(self) -> None:
-        answer, self._result = self._result, None
-        if not _wait(answer):
+    def _end(self, search: Search) -> None:
+        self._running = None
+        if not _until(lambda: search.result is not None):
             return
-        result = answer.result().result
-        account = self.account
+        account, result = self.account, search.result
+        assert result is not None
         account.ended, account.outcome = self._now, result.message
         account.found, account.distance = result.code == result.FOUND, result.distance
         if account.found:
@@ -168,11 +169,7 @@ class Director:
         if not client.wait_for_service(PATIENCE):
             return None
         future = client.call_async(request)
-        return future.result() if _wait(future) else None
-
-
-def _wait(future: Any) -> bool:
-    return _until(future.done)
+        return future.result() if _until(future.done) else None
 
 
 def _until(done: Callable[[], bool]) -> bool:

@@ -13,16 +13,14 @@ from whereabouts.logs import Qos
 from whereabouts.messages.decode import UnusableMessageError
 from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.ros.private_node import leave, private_node
+from whereabouts.nodes.ros.qos import TF_STATIC_QOS, best_effort
 from whereabouts.robot.bags import look_at_message
 from whereabouts.robot.survey import CLOUD, IMU, ODOMETRY, SCAN, TF, Seen, Survey
 
 HEARD = (SCAN, CLOUD, ODOMETRY, IMU, TF)
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 LOOK_AGAIN = 0.5  # s
-BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-LATCHED = QoSProfile(
-    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
+DEPTH = 50
 NAMES = {
     ReliabilityPolicy.BEST_EFFORT: "best_effort", ReliabilityPolicy.RELIABLE: "reliable",
     DurabilityPolicy.VOLATILE: "volatile", DurabilityPolicy.TRANSIENT_LOCAL: "transient_local",
@@ -80,7 +78,7 @@ class _Listener:
             except UnusableMessageError as error:
                 self._complaints[seen.name] = str(error)
 
-        qos = LATCHED if seen.name.endswith("tf_static") else BEST_EFFORT
+        qos = TF_STATIC_QOS if seen.name.endswith("tf_static") else best_effort(DEPTH)
         self._node.create_subscription(message_class(seen.kind), seen.name, take, qos)
 
     def done(self) -> Survey:

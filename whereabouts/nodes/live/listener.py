@@ -7,10 +7,11 @@ from collections.abc import Callable, Collection
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy
 
 from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
 from whereabouts.nodes.ros.private_node import leave, private_node
+from whereabouts.nodes.ros.qos import best_effort, latched
 from whereabouts.system.interrupts import interrupts_kept
 
 DEPTH = 20
@@ -53,12 +54,8 @@ class Listener:
 
     def _subscribe(self, topic: str, type_name: str, offers: list[Any]) -> None:
         # Best effort hears everybody; what is kept for latecomers is only sent to those who ask for it.
-        latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers)
-        qos = QoSProfile(
-            depth=DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE if latched else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        )
+        kept = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers)
+        qos = latched(DEPTH) if kept else best_effort(DEPTH)
         name = topic.removeprefix(self._prefix)
 
         def keep(message: Any) -> None:

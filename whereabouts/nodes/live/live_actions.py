@@ -5,12 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
-
-from rclpy.action.client import ActionClient
 
 from estimation.errors import InputError
 from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError
+from whereabouts.nodes.live.searching import Search, Searches
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import (
@@ -84,44 +82,30 @@ def find(
     on_step : called with what the robot does next and the probability of seeing it there. Raises NoWorldError where no
     node object_search runs.
     """
-    action = ActionClient(client.node, FindObject, "find_object")
+    searches = Searches(client.node)
     try:
-        if not client.until(action.server_is_ready):
+        if not client.until(lambda: searches.ready):
             raise NoWorldError("nobody searches: start it with `whereabouts run object_search`")
-        sent = action.send_goal_async(
-            goal,
-            feedback_callback=lambda message: on_step(message.feedback.reason, message.feedback.probability),
-        )
-        _await(client, sent, stopped)
-        if not sent.done():
-            client.until(sent.done)
-        handle = sent.result()
-        if handle is None or not handle.accepted:
-            return Done(False, "The search was not accepted.")
-        result = handle.get_result_async()
+        search = searches.ask(goal, lambda step: on_step(step.reason, step.probability))
+        end = time.monotonic() + LONGEST
         try:
-            _await(client, result, stopped)
-        except KeyboardInterrupt:
-            _cancel(client, handle, result)
-            raise
-        if not result.done():
-            _cancel(client, handle, result)
+            while search.result is None and not stopped() and time.monotonic() < end:
+                client.spin()
+        finally:
+            if search.result is None:
+                _cancel(client, search)
+        if search.result is None or search.result.code == FindObject.Result.CANCELED:
             return Done(False, "The search was cancelled.")
-        return _outcome(result.result().result)
+        return _outcome(search.result)
     finally:
-        action.destroy()
+        searches.destroy()
 
 
-def _await(client: Client, future: Any, stopped: Callable[[], bool]) -> None:
-    end = time.monotonic() + LONGEST
-    while not future.done() and not stopped() and time.monotonic() < end:
-        client.spin()
-
-
-def _cancel(client: Client, handle: Any, result: Any) -> None:
-    cancelled = handle.cancel_goal_async()
-    client.until(cancelled.done, PATIENCE)
-    client.until(result.done, PATIENCE)
+def _cancel(client: Client, search: Search) -> None:
+    client.until(search.answered.done)
+    if search.answered.done() and search.result is None:
+        search.cancel()
+        client.until(lambda: search.result is not None, PATIENCE)
 
 
 def _outcome(result: FindObject.Result) -> Done:

@@ -24,13 +24,13 @@ from std_msgs.msg import Bool, Header
 
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
+from whereabouts.nodes.live.searching import ACTION, Searches
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.world_reading import grid_from_message, pose_stamped, state_from_message
 from whereabouts.nodes.navigation.goals import Navigator, navigate_type
-from whereabouts.nodes.ros.base import LATCHED
-from whereabouts.nodes.ros.inputs import EVENTS, HEARD_LATCHED
 from whereabouts.nodes.ros.private_node import private_node
-from whereabouts.nodes.ros.turns import goal_id, goals_name
+from whereabouts.nodes.ros.qos import EVENTS, HEARD_LATCHED, LATCHED
+from whereabouts.nodes.ros.turns import goals_name
 from whereabouts.recorded.evidence_messages import NOT_FOUND
 from whereabouts.simulation.home.apartment_bag import START
 from whereabouts.simulation.home.apartment_day import TICKS
@@ -95,7 +95,7 @@ class LiveRobot:
         self._navigator = Navigator(self._client, lambda pose: kind.Goal(pose=pose))
         self._base = self.node.create_publisher(Bool, "base_available", LATCHED)
         self._evidence = self.node.create_publisher(WorldEvidence, "evidence", EVENTS)
-        self._find = ActionClient(self.node, FindObject, "find_object")
+        self._searches = Searches(self.node)
         for message, topic, take, qos in (
             (PoseStamped, "search_goal", self._search_goal, LATCHED),
             (Bool, "base_available", self._base_available, LATCHED),
@@ -110,7 +110,7 @@ class LiveRobot:
         with suppress(Exception):
             self._server.destroy()
             self._client.destroy()
-            self._find.destroy()
+            self._searches.destroy()
             self.node.destroy_node()
         self.node.context.try_shutdown()
 
@@ -238,28 +238,20 @@ class LiveRobot:
 
     def find(self, kind: str, predicates: tuple[str, ...], timeout: float) -> SearchRequest | None:
         """Have an object searched for; None where nobody does. timeout : s of the day."""
-        if not self.until(self._find.server_is_ready):
+        if not self.until(lambda: self._searches.ready):
             return None
         search = SearchRequest()
         goal = FindObject.Goal(class_name=kind, predicates=list(predicates))
         goal.timeout.sec = int(timeout)
-        self.note(goals_name(self.node.resolve_topic_name("find_object")))
+        self.note(goals_name(self.node.resolve_topic_name(ACTION)))
 
-        def told(message: Any) -> None:
-            search.steps.append((self.day.time, message.feedback.reason))
+        def told(step: FindObject.Feedback) -> None:
+            search.steps.append((self.day.time, step.reason))
 
-        def accepted(done: Any) -> None:
-            handle = done.result()
-            if handle is None or not handle.accepted:
-                search.result = FindObject.Result(code=FindObject.Result.REFUSED, message="refused")
-                return
-            handle.get_result_async().add_done_callback(ended)
+        def ended(result: FindObject.Result) -> None:
+            search.result = result
 
-        def ended(done: Any) -> None:
-            search.result = done.result().result
-
-        me = self.node.get_fully_qualified_name()
-        self._find.send_goal_async(goal, told, goal_id(me)).add_done_callback(accepted)
+        self._searches.ask(goal, told, ended)
         return search
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from estimation.errors import WhereaboutsError
 from estimation.geometry.places import Places
 from whereabouts.nodes.messages.world_reading import state_from_message
 from whereabouts.nodes.ros.private_node import leave, private_node
+from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.nodes.runtime.suite_run import prepare_environment
 from whereabouts.system.interrupts import interrupts_kept
 from whereabouts_msgs.msg import WorldState as StateMessage
@@ -71,8 +71,7 @@ class Client:
     def state(self) -> StateMessage:
         """The newest world. Raises NoWorldError where nobody says it."""
         heard: list[StateMessage] = []
-        qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        subscription = self.node.create_subscription(StateMessage, "world_state", heard.append, qos)
+        subscription = self.node.create_subscription(StateMessage, "world_state", heard.append, LATCHED)
         self.until(lambda: bool(heard))
         self.node.destroy_subscription(subscription)
         if not heard and self.node.count_publishers("world_state"):

@@ -14,7 +14,7 @@ from estimation.geometry.grid_kernels import TILE
 from estimation.geometry.tiles import VIEW_CELLS, TileView
 from loop_closure.maps.map_grid import MapGrid
 from whereabouts.nodes.messages.map_messages import grid_message, update_message
-from whereabouts.nodes.ros.base import LATCHED
+from whereabouts.nodes.ros.qos import LATCHED
 
 if TYPE_CHECKING:
     from whereabouts.nodes.ros.base import SuiteNode

@@ -19,7 +19,8 @@ from whereabouts.nodes.messages.conversions import PLANAR, cloud_message
 from whereabouts.nodes.messages.map_messages import marker_messages, packed_path
 from whereabouts.nodes.messages.stamps import time_message
 from whereabouts.nodes.messages.transforms import frame_name
-from whereabouts.nodes.ros.base import LATCHED, SuiteNode
+from whereabouts.nodes.ros.base import SuiteNode
+from whereabouts.nodes.ros.qos import LATCHED
 
 
 class MapPublisher:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from std_msgs.msg import Bool
 
-from whereabouts.nodes.ros.base import LATCHED, SuiteNode
+from whereabouts.nodes.ros.base import SuiteNode
+from whereabouts.nodes.ros.qos import LATCHED
 
 
 class BaseClaim:

@@ -20,7 +20,8 @@ from estimation.geometry.poses import pose_to_matrix
 from tracking.intentions import Prediction
 from whereabouts.nodes.messages.conversions import array_of, pose_from_message
 from whereabouts.nodes.messages.intention_messages import PathMarkers
-from whereabouts.nodes.ros.base import LATCHED, SuiteNode
+from whereabouts.nodes.ros.base import SuiteNode
+from whereabouts.nodes.ros.qos import LATCHED
 
 Array = NDArray[np.float64]
 KEEPOUT = 0  # CostmapFilterInfo.type; base and multiplier have to be 0 and 1 with it

@@ -23,7 +23,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from std_msgs.msg import Empty
 from tf2_msgs.msg import TFMessage
@@ -37,8 +37,9 @@ from whereabouts.nodes.ros.executor import NodeExecutor
 from whereabouts.nodes.ros.footprint import keep_packed, release, settle, use_small_segment
 from whereabouts.nodes.ros.guarded_calls import guarded_action, guarded_answer
 from whereabouts.nodes.ros.host import ACTIVE_VARIABLE, SUPERVISOR_VARIABLE
-from whereabouts.nodes.ros.inputs import HEARD_LATCHED, Handler, Input
+from whereabouts.nodes.ros.inputs import Handler, Input
 from whereabouts.nodes.ros.outputs import QUIET, Output, OutputAccount
+from whereabouts.nodes.ros.qos import HEARD_LATCHED, TF_QOS, TF_STATIC_QOS
 from whereabouts.nodes.ros.timekeeping import Timekeeper
 from whereabouts.nodes.ros.turns import Caller, Turns, turn_topic
 from whereabouts.parameters.parameter_base import NodeParameters
@@ -46,9 +47,6 @@ from whereabouts.system.interrupts import interrupts_kept, listen_to_interrupts
 from whereabouts_msgs.srv import Reset
 
 HOUSEKEEPING_PERIOD = 0.2
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-TF_QOS = QoSProfile(depth=100)
-TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NodeType = TypeVar("NodeType", bound="SuiteNode")
 
 

@@ -12,7 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from tf2_msgs.msg import TFMessage
 
@@ -24,6 +24,7 @@ from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import Pairs
 from whereabouts.nodes.ros.budget import BUDGETS, DEFAULT, Purse
 from whereabouts.nodes.ros.input_counts import InputCounts, MessageGaps
+from whereabouts.nodes.ros.qos import sensor_qos
 from whereabouts.system.clocks import SourceClock
 from whereabouts.system.counting import counted
 from whereabouts_msgs.msg import Processed
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from whereabouts.nodes.ros.base import SuiteNode
 
 WAITING_LIMIT = 64
-RELIABLE_DEPTH = 200
 LATENCY_WINDOW = 2000
 # The stamps that a message can carry.
 EARLIEST, LATEST = -(2**31) * NANOSECONDS, (2**31 - 1) * NANOSECONDS
@@ -391,18 +391,3 @@ class Input:
             lost=max(self.counts.lost, self.counts.reported_lost),
         )
         self._node.account.acknowledge(message)
-
-
-# What is said once and must not get lost: a verdict, a change of who is there.
-EVENTS = QoSProfile(depth=RELIABLE_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-# A state that is kept for those who come late. Of two at once the first is heard as well: a replay counts them.
-HEARD_LATCHED = QoSProfile(
-    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
-
-
-def sensor_qos(reliability: str) -> QoSProfile:
-    """The sensor-data profile, or a reliable one deep enough for a burst."""
-    if reliability == "reliable":
-        return QoSProfile(depth=RELIABLE_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-    return qos_profile_sensor_data

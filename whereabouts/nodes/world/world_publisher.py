@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection3DArray
 from visualization_msgs.msg import MarkerArray
@@ -18,6 +17,7 @@ from whereabouts.nodes.messages.world_messages import (
     state_message,
 )
 from whereabouts.nodes.ros.base import SuiteNode
+from whereabouts.nodes.ros.qos import HEARD_LATCHED
 from whereabouts_msgs.msg import WorldHypotheses
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import WorldModel, WorldObject, WorldState
@@ -25,8 +25,6 @@ from world_model.queries import Words
 
 # Of the messages with hypotheses: s between two, and how many are in one.
 HYPOTHESES_PERIOD, PUBLISHED = 0.2, 20
-# A subscriber that joins late is told how the world is.
-STATE_QOS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class WorldPublisher:
@@ -35,7 +33,7 @@ class WorldPublisher:
     def __init__(self, node: SuiteNode, map_frame: str, words: Words) -> None:
         self._map, self._words = map_frame, words
         self._messages = ObjectMessages(words)
-        self._state = node.add_output(StateMessage, "world_state", STATE_QOS)
+        self._state = node.add_output(StateMessage, "world_state", HEARD_LATCHED)
         self._hypotheses = node.add_output(WorldHypotheses, "world_hypotheses")
         self._objects = node.add_output(Detection3DArray, "objects")
         self._markers = node.add_output(MarkerArray, "~/markers")
