@@ -21,7 +21,7 @@ from estimation.geometry.places import Places
 from whereabouts.nodes.live import live_actions
 from whereabouts.nodes.live import live_world as live_world_module
 from whereabouts.nodes.live.live_actions import find, forget, goal_for
-from whereabouts.nodes.live.live_world import Client, NoWorldError, live_world
+from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError, live_world
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldObject
 from world_model import ask
@@ -62,6 +62,21 @@ def test_the_live_world_is_asked_and_told(
 def test_without_a_node_it_is_said(client: Client) -> None:
     with pytest.raises(NoWorldError, match="whereabouts run"), live_world(client):
         pass
+
+
+def test_who_is_not_there_is_not_waited_for_as_long_as_an_answer(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waited: list[float] = []
+
+    def until(self: Client, done: Any, seconds: float = PATIENCE) -> bool:
+        waited.append(seconds)
+        return False
+
+    monkeypatch.setattr(Client, "until", until)
+    with pytest.raises(NoWorldError, match="nobody offers loop_closure/save_map"):
+        live_actions.save_map(client, "")
+    assert waited == [PATIENCE]
 
 
 def test_a_world_model_that_has_seen_nothing_is_not_to_be_started(

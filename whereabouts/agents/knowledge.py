@@ -1,37 +1,46 @@
-"""Where the tools have their knowledge from, and what they may do: a store file, or the running suite."""
+"""Where questions and tools have their knowledge from, and what they may do: a store file, or the running suite."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from estimation.errors import InputError, WhereaboutsError
+from estimation.geometry.places import Places
 from world_model.memory.store import Store
 from world_model.memory.store_file import is_store
 from world_model.questions import Recall, recall
+from world_model.questions.answers import clean
 
 if TYPE_CHECKING:
     from whereabouts.nodes.live.live_actions import Done
 
 ACTING = ("find_object", "verify_object", "forget", "relabel")
+T = TypeVar("T")
 
 
 class Knowledge:
-    """One store, opened once, or the running suite. allowed : tools that may act. One caller at a time.
+    """One store, opened once, or the running suite; a context manager. One caller at a time.
 
-    Raises WhereaboutsError where the store cannot be opened.
+    allowed : tools that may act. places : rooms and furniture in place of those that are known. Raises WhereaboutsError
+    where the store cannot be opened.
     """
 
-    def __init__(self, store: Path | None, allowed: tuple[str, ...] = (), namespace: str = "") -> None:
+    def __init__(
+        self,
+        store: Path | None,
+        allowed: tuple[str, ...] = (),
+        namespace: str = "",
+        places: Places | None = None,
+    ) -> None:
         unknown = set(allowed) - set(ACTING)
         if unknown:
             raise InputError(
                 f"--allow: one of {', '.join(ACTING)} expected, got {', '.join(sorted(unknown))}"
             )
-        self.path, self.allowed, self._namespace = store, allowed, namespace
+        self.path, self.allowed, self._namespace, self._places = store, allowed, namespace, places
         self._lock = threading.Lock()
         self._store: Store | None = None
         self._client: Any = None
@@ -40,21 +49,26 @@ class Knowledge:
                 raise InputError(f"{store}: is no world model's store")
             self._store = Store(store, read_only=True)
 
-    def close(self) -> None:
+    def __enter__(self) -> Knowledge:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         """Close the store, leave the graph."""
         if self._store is not None:
             self._store.close()
         if self._client is not None:
             self._client.close()
 
-    def ask(self, call: Callable[[Recall], Any]) -> Any:
+    def ask(self, call: Callable[[Recall], T]) -> T:
         """What a function says of the world as it is known now. Raises WhereaboutsError."""
-        with self._lock, ExitStack() as stack:
+        with self._lock:
             if self._store is not None:
-                return call(recall(self._store))
+                return call(recall(self._store, self._places))
+            client = self.client()
             from whereabouts.nodes.live.live_world import live_world
 
-            return call(stack.enter_context(live_world(self.client())))
+            with live_world(client, self._places) as world:
+                return call(world)
 
     def client(self) -> Any:
         """A node of this process; made when it is first needed. Raises WhereaboutsError without ROS."""
@@ -63,8 +77,8 @@ class Knowledge:
                 from whereabouts.nodes.live.live_world import Client
             except ImportError as error:
                 raise InputError(
-                    f"there is no running suite here ({error.name} is not installed): start the server with "
-                    "--store world.sqlite, or where ROS 2 is"
+                    f"the running suite needs ROS 2 ({error.name} is not installed here); or name a store: "
+                    "`ask world.sqlite ...`, or `--store world.sqlite` with other commands"
                 ) from error
             self._client = Client(self._namespace)
         return self._client
@@ -83,24 +97,55 @@ class Knowledge:
             )
         return ""
 
-    def act(self, call: Callable[[Any], Done]) -> Done:
-        """Do something with the running suite. Raises WhereaboutsError."""
-        with self._lock:
-            return call(self.client())
+    def find(
+        self, words: str, on_step: Callable[[str, float], None], stopped: Callable[[], bool] = lambda: False
+    ) -> Done:
+        """Search with the robot for what words mean; as `live_actions.find`. Raises WhereaboutsError."""
+        client = self.client()
+        from whereabouts.nodes.live.live_actions import find, goal_for
+        from whereabouts.nodes.live.live_world import NoWorldError
 
-    def change(self, call: Callable[[Any], None]) -> None:
-        """Correct the store file. Raises WhereaboutsError, where a node writes to it too."""
+        try:
+            goal = self.ask(lambda world: goal_for(words, world))
+        except NoWorldError:
+            goal = goal_for(words, None)
+        with self._lock:
+            return find(client, goal, on_step, stopped)
+
+    def change(self, tool: str, object_id: str, class_name: str = "") -> tuple[bool, str]:
+        """Forget, relabel or verify an object: whether it is done, and a sentence. Raises WhereaboutsError.
+
+        In a store file also where a node writes to it too.
+        """
+        with self._lock:
+            if self.path is not None:
+                return True, self._correct(self.path, tool, object_id, class_name)
+            client = self.client()
+            from whereabouts.nodes.live import live_actions
+
+            if tool == "forget":
+                done = live_actions.forget(client, object_id)
+            elif tool == "relabel":
+                done = live_actions.relabel(client, object_id, class_name)
+            else:
+                done = live_actions.verify(client, object_id)
+            return done.ok, done.sentence
+
+    def _correct(self, path: Path, tool: str, object_id: str, class_name: str) -> str:
         from world_model import WorldModel
 
-        assert self.path is not None
-        with self._lock:
-            assert self._store is not None
-            self._store.close()
-            try:
-                with Store(self.path) as store:
-                    model = WorldModel(places=store.places() or None, store=store, looks_back=False)
-                    call(model)
-                    if store.problem:
-                        raise WhereaboutsError(store.problem)
-            finally:
-                self._store = Store(self.path, read_only=True)
+        assert self._store is not None
+        self._store.close()
+        try:
+            with Store(path) as store:
+                model = WorldModel(places=store.places() or None, store=store, looks_back=False)
+                if tool == "forget":
+                    model.forget(object_id)
+                else:
+                    model.relabel(object_id, class_name)
+                if store.problem:
+                    raise WhereaboutsError(store.problem)
+        finally:
+            self._store = Store(path, read_only=True)
+        said = "is forgotten" if tool == "forget" else f"is a {clean(class_name)} from now on"
+        return f"{clean(object_id)} {said}."

@@ -232,31 +232,10 @@ def _changed(knowledge: Knowledge, tool: str, name: str, class_name: str) -> Tol
     if not named:
         return chosen
     try:
-        done = _do(knowledge, tool, named[0], class_name)
+        ok, sentence = knowledge.change(tool, named[0], class_name)
     except WhereaboutsError as error:
         return refused(clean(str(error), 400))
-    return ToldAnswer(
-        sentence=done[1], ok=done[0], probability=float(done[0]), stamp=chosen.stamp, value=named[0]
-    )
-
-
-def _do(knowledge: Knowledge, tool: str, object_id: str, class_name: str) -> tuple[bool, str]:
-    shown = clean(object_id)
-    if knowledge.path is not None:
-        if tool == "forget":
-            knowledge.change(lambda model: model.forget(object_id))
-            return True, f"{shown} is forgotten."
-        knowledge.change(lambda model: model.relabel(object_id, class_name))
-        return True, f"{shown} is a {clean(class_name)} from now on."
-    from whereabouts.nodes.live import live_actions
-
-    calls = {
-        "verify_object": lambda client: live_actions.verify(client, object_id),
-        "forget": lambda client: live_actions.forget(client, object_id),
-        "relabel": lambda client: live_actions.relabel(client, object_id, class_name),
-    }
-    done = knowledge.act(calls[tool])
-    return done.ok, done.sentence
+    return ToldAnswer(sentence=sentence, ok=ok, probability=float(ok), stamp=chosen.stamp, value=named[0])
 
 
 async def _find(knowledge: Knowledge, name: str, context: Context[Any, Any]) -> ToldAnswer:
@@ -265,21 +244,10 @@ async def _find(knowledge: Knowledge, name: str, context: Context[Any, Any]) -> 
     steps: asyncio.Queue[tuple[str, float]] = asyncio.Queue()
     stop = threading.Event()
 
-    def search() -> Any:
-        from whereabouts.nodes.live.live_actions import find, goal_for
-        from whereabouts.nodes.live.live_world import NoWorldError
+    def say(words: str, probability: float) -> None:
+        loop.call_soon_threadsafe(steps.put_nowait, (words, probability))
 
-        try:
-            goal = knowledge.ask(lambda world: goal_for(name, world))
-        except NoWorldError:
-            goal = goal_for(name, None)
-
-        def say(words: str, probability: float) -> None:
-            loop.call_soon_threadsafe(steps.put_nowait, (words, probability))
-
-        return knowledge.act(lambda client: find(client, goal, say, stop.is_set))
-
-    task = loop.run_in_executor(None, search)
+    task: asyncio.Future[Any] = loop.run_in_executor(None, knowledge.find, name, say, stop.is_set)
     count = 0
     try:
         while not task.done():

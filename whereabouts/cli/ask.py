@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import sys
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from estimation.errors import WhereaboutsError
 from whereabouts.cli.common import require_places
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from world_model.questions import Recall
 
 NOT_UNDERSTOOD, NO_WORLD = 1, 2
 StoreFile = Annotated[
@@ -50,14 +44,18 @@ def ask(
     """
     import json
 
+    from estimation.geometry.places import Places
+    from whereabouts.agents.knowledge import Knowledge
     from world_model.questions import ask as answer_to
 
     store, question = stored(words)
     try:
-        with opened(store, places, namespace) as world:
-            answer = answer_to(world, question)
-    except (WhereaboutsError, ImportError) as error:
-        typer.echo(f"whereabouts: {without_ros(error)}", err=True)
+        require_places(places)
+        others = Places.load(places) if places else None
+        with Knowledge(store, namespace=namespace, places=others) as knowledge:
+            answer = knowledge.ask(lambda world: answer_to(world, question))
+    except WhereaboutsError as error:
+        typer.echo(f"whereabouts: {error}", err=True)
         sys.exit(NO_WORLD)
     typer.echo(json.dumps(answer.to_dict(), indent=2, ensure_ascii=False) if as_json else answer.sentence)
     if not answer.understood:
@@ -75,38 +73,3 @@ def stored(words: list[str]) -> tuple[Path | None, str]:
     if there or named:
         return first, " ".join(words[1:])
     return None, " ".join(words)
-
-
-@contextmanager
-def opened(store: Path | None, places: Path | None = None, namespace: str = "") -> Iterator[Recall]:
-    """What a store knows, or the running suite. Raises WhereaboutsError, and ImportError without ROS."""
-    from estimation.errors import InputError
-    from estimation.geometry.places import Places
-
-    require_places(places)
-    others = Places.load(places) if places else None
-    if store is None:
-        from whereabouts.nodes.live.live_world import Client, live_world
-
-        client = Client(namespace)
-        try:
-            with live_world(client, others) as world:
-                yield world
-        finally:
-            client.close()
-        return
-    from world_model.memory.store import Store
-    from world_model.memory.store_file import is_store
-    from world_model.questions import Recall
-
-    if store.is_file() and not is_store(store):
-        raise InputError(f"{store}: is no world model's store")
-    with Store(store, read_only=True) as source:
-        yield Recall.of_store(source, others)
-
-
-def without_ros(error: Exception) -> str:
-    """What is wrong, also where ROS is missing."""
-    if isinstance(error, ImportError):
-        return f"to ask the running suite needs ROS 2 ({error.name} is not installed here); or name a store"
-    return str(error)

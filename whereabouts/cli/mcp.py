@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -54,22 +55,13 @@ def mcp(
         raise InputError("`whereabouts mcp` needs the package mcp: pip install mcp") from error
     from whereabouts.agents.knowledge import Knowledge
 
-    knowledge = Knowledge(store, tuple(allow or ()), namespace)
-    try:
-        if http is None:
-            _stdio(knowledge)
-        else:
+    with Knowledge(store, tuple(allow or ()), namespace) as knowledge, suppress(KeyboardInterrupt):
+        if http is not None:
             _http(knowledge, http)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        knowledge.close()
+            return
+        from whereabouts.agents.mcp_server import server_of
 
-
-def _stdio(knowledge: Knowledge) -> None:
-    from whereabouts.agents.mcp_server import server_of
-
-    server_of(knowledge).run("stdio")
+        server_of(knowledge).run("stdio")
 
 
 def _http(knowledge: Knowledge, port: int) -> None:

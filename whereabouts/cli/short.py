@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from whereabouts.cli.ask import Namespace, StoreFile, opened
+from whereabouts.cli.ask import Namespace, StoreFile
 
 if TYPE_CHECKING:
+    from whereabouts.agents.knowledge import Knowledge
     from whereabouts.nodes.live.live_actions import Done
 
 Named = Annotated[
@@ -30,15 +31,16 @@ def find(name: Named, store: StoreFile = None, namespace: Namespace = "") -> Non
     Exit status: 0 found, 1 not found, 2 no store and nobody who searches.
     """
     from estimation.errors import WhereaboutsError
+    from whereabouts.agents.knowledge import Knowledge
     from world_model.questions import answered, where_to_look
 
     words = " ".join(name)
     if store is None:
-        _live(namespace, lambda actions, client: _found(actions, client, words))
+        _live(namespace, lambda knowledge: _found(knowledge, words))
         return
     try:
-        with opened(store) as world:
-            answer = answered(world, lambda known: where_to_look(known, words))
+        with Knowledge(store) as knowledge:
+            answer = knowledge.ask(lambda world: answered(world, lambda known: where_to_look(known, words)))
     except WhereaboutsError as error:
         _end(2, f"whereabouts: {error}")
     typer.echo(answer.sentence)
@@ -46,14 +48,7 @@ def find(name: Named, store: StoreFile = None, namespace: Namespace = "") -> Non
         sys.exit(1)
 
 
-def _found(actions: Any, client: Any, words: str) -> Done:
-    from whereabouts.nodes.live.live_world import NoWorldError, live_world
-
-    try:
-        with live_world(client) as world:
-            goal = actions.goal_for(words, world)
-    except NoWorldError:
-        goal = actions.goal_for(words, None)
+def _found(knowledge: Knowledge, words: str) -> tuple[bool, str]:
     said: list[str] = []
 
     def step(reason: str, probability: float) -> None:
@@ -61,45 +56,36 @@ def _found(actions: Any, client: Any, words: str) -> Done:
             said.append(reason)
             typer.echo(f"{reason} (p = {probability:.2f})")
 
-    done: Done = actions.find(client, goal, step)
-    return done
+    done = knowledge.find(words, step)
+    return done.ok, done.sentence
 
 
 def forget(name: Named, store: StoreFile = None, namespace: Namespace = "") -> None:
     """Take an object out of the world for good; its history stays. With --store: out of that file."""
-    words = " ".join(name)
-    if store is None:
-        _live(namespace, lambda actions, client: _forgotten(actions, client, words))
-        return
     from estimation.errors import WhereaboutsError
     from whereabouts.agents.knowledge import Knowledge
-    from world_model.questions.naming import one_present
 
+    words = " ".join(name)
+    if store is None:
+        _live(namespace, lambda knowledge: _forgotten(knowledge, words))
+        return
     try:
-        knowledge = Knowledge(store, ("forget",))
-        try:
-            object_id = knowledge.ask(lambda world: one_present(world, words))
-            knowledge.change(lambda model: model.forget(object_id))
-        finally:
-            knowledge.close()
+        with Knowledge(store) as knowledge:
+            _, sentence = _forgotten(knowledge, words)
     except WhereaboutsError as error:
         _end(1, f"whereabouts: {error}")
-    typer.echo(f"{object_id} is forgotten.")
+    typer.echo(sentence)
 
 
-def _forgotten(actions: Any, client: Any, words: str) -> Done:
-    from whereabouts.nodes.live.live_world import live_world
+def _forgotten(knowledge: Knowledge, words: str) -> tuple[bool, str]:
     from world_model.questions.naming import one_present
 
-    with live_world(client) as world:
-        object_id = one_present(world, words)
-    done: Done = actions.forget(client, object_id)
-    return done
+    return knowledge.change("forget", knowledge.ask(lambda world: one_present(world, words)))
 
 
 def save_map(path: MapPath = "", namespace: Namespace = "") -> None:
     """Have the running node loop_closure write its map."""
-    _live(namespace, lambda actions, client: actions.save_map(client, path))
+    _of_map(namespace, lambda actions, client: actions.save_map(client, path))
 
 
 def load_map(
@@ -110,35 +96,41 @@ def load_map(
     namespace: Namespace = "",
 ) -> None:
     """Have the running node loop_closure read a map and localise in it."""
-    _live(namespace, lambda actions, client: actions.load_map(client, path, extend))
+    _of_map(namespace, lambda actions, client: actions.load_map(client, path, extend))
 
 
-def _live(namespace: str, call: Callable[[Any, Any], Done]) -> None:
-    """Do something with the running suite; ends with 0 where it is done, 1 where not, 2 where nobody runs.
+def _of_map(namespace: str, call: Callable[[Any, Any], Done]) -> None:
+    """call : given `whereabouts.nodes.live.live_actions`, which needs ROS, and a client."""
 
-    call : given `whereabouts.nodes.live.live_actions`, which needs ROS, and a client.
-    """
-    from estimation.errors import InputError, WhereaboutsError
-    from whereabouts.cli.ask import without_ros
-
-    try:
+    def act(knowledge: Knowledge) -> tuple[bool, str]:
         from whereabouts.nodes.live import live_actions
-        from whereabouts.nodes.live.live_world import Client, NoWorldError
-    except ImportError as error:
-        _end(2, f"whereabouts: {without_ros(error)}")
-    client = Client(namespace)
-    try:
-        done = call(live_actions, client)
-    except KeyboardInterrupt:
-        _end(1, "cancelled")
-    except NoWorldError as error:
-        _end(2, f"whereabouts: {error}")
-    except (InputError, WhereaboutsError) as error:
-        _end(1, f"whereabouts: {error}")
-    finally:
-        client.close()
-    typer.echo(done.sentence)
-    if not done.ok:
+
+        done = call(live_actions, knowledge.client())
+        return done.ok, done.sentence
+
+    _live(namespace, act)
+
+
+def _live(namespace: str, call: Callable[[Knowledge], tuple[bool, str]]) -> None:
+    """Do something with the running suite; ends with 0 where it is done, 1 where not, 2 where nobody runs."""
+    from estimation.errors import WhereaboutsError
+    from whereabouts.agents.knowledge import Knowledge
+
+    with Knowledge(None, namespace=namespace) as knowledge:
+        try:
+            knowledge.client()
+        except WhereaboutsError as error:
+            _end(2, f"whereabouts: {error}")
+        from whereabouts.nodes.live.live_world import NoWorldError
+
+        try:
+            ok, sentence = call(knowledge)
+        except KeyboardInterrupt:
+            _end(1, "cancelled")
+        except WhereaboutsError as error:
+            _end(2 if isinstance(error, NoWorldError) else 1, f"whereabouts: {error}")
+    typer.echo(sentence)
+    if not ok:
         sys.exit(1)
 
 

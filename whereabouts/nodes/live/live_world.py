@@ -56,10 +56,10 @@ class Client:
             self._executor.spin_once(timeout_sec=0.05)
 
     def call(self, kind: Any, name: str, request: Any, seconds: float = PATIENCE) -> Any:
-        """The answer of a service. Raises NoWorldError where nobody answers."""
+        """The answer of a service. seconds : that it may take. Raises NoWorldError where nobody answers."""
         client = self.node.create_client(kind, name)
         try:
-            if not self.until(client.service_is_ready, seconds):
+            if not self.until(client.service_is_ready):
                 raise NoWorldError(f"nobody offers {name}: start the suite with `whereabouts run`")
             future = client.call_async(request)
             if not self.until(future.done, seconds):
