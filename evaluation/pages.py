@@ -19,12 +19,11 @@ from functools import cached_property
 from pathlib import Path
 
 from estimation.errors import InputError
-from evaluation import commands, markdown
+from evaluation import commands, documentation, markdown
 from evaluation.digest import PACKAGES, ROOT
 from evaluation.headlines import HEADLINES
 from evaluation.results import Result, read_all
 from evaluation.running import experiments
-from whereabouts import documentation
 from whereabouts.datasets import data_directory
 
 BEFORE = "before the last change"
