@@ -162,8 +162,8 @@ def read_said(recording: Path, bag: Path) -> Said:
     readers = {
         "targets": _take_targets,
         "predicted_paths": _take_paths,
-        "world_state": _take_world,
-        "shipped/world_state": _take_shipped,
+        "world_state": lambda said, stamp, message: said.worlds.update({stamp: _things(message)}),
+        "shipped/world_state": lambda said, stamp, message: said.shipped.update({stamp: _things(message)}),
         "verification_tasks": _take_task,
         "evidence": _take_evidence,
         "map": _take_map,
@@ -205,14 +205,6 @@ def _take_paths(said: Said, stamp: float, message: Any) -> None:
             SaidPrediction(int(path.label), points, sigmas, goals, np.asarray(path.goal_probabilities))
         )
     said.paths[stamp] = paths
-
-
-def _take_world(said: Said, stamp: float, message: Any) -> None:
-    said.worlds[stamp] = _things(message)
-
-
-def _take_shipped(said: Said, stamp: float, message: Any) -> None:
-    said.shipped[stamp] = _things(message)
 
 
 def _things(message: Any) -> list[TrueThing]:

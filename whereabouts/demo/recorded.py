@@ -20,8 +20,8 @@ from whereabouts.demo.reading import Said, Truth, read_said
 from whereabouts.demo.report_screen import screen_of
 from whereabouts.killian import recorded_bag
 from whereabouts.logs import convert_log
-from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
-from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError
+from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
+from whereabouts.nodes.runtime.supervisor import SuiteError
 
 SHARED = {
     "outdoor": "people/person_following_outdoor_1.bag.zip",
@@ -92,9 +92,7 @@ def run_recorded(
     output = folder / "recording.mcap"
     period = {"loop_closure": {"map_period": max(5.0, _length(bag) / MAPS)}}
     specs = [
-        NodeSpec(
-            name, parameters={**REPLAY_PARAMETERS, **PARAMETERS.get(name, {}), **period.get(name, {}), **own}
-        )
+        replay_spec(name, **{**PARAMETERS.get(name, {}), **period.get(name, {}), **own})
         for name, own in given.items()
     ]
     account = run_suite(

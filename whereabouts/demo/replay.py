@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from whereabouts.demo.demo_report import DemoRun
@@ -11,8 +11,8 @@ from whereabouts.demo.demo_suite import BESIDE, RECORDED, parameters, shipped_pa
 from whereabouts.demo.files import begin_in
 from whereabouts.logs import RawMessage
 from whereabouts.nodes.live.demo_director import Director
-from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
-from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError
+from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
+from whereabouts.nodes.runtime.supervisor import SuiteError
 from whereabouts.simulation.home.apartment_bag import START
 from whereabouts.simulation.home.apartment_day import MOVED, THINGS, stop
 from whereabouts.system.process_usage import UsageMeter
@@ -52,18 +52,9 @@ def replay(
     """
     begin_in(folder)
     recording = folder / "recording.mcap"
-    specs = [
-        NodeSpec(name, parameters={**REPLAY_PARAMETERS, **given})
-        for name, given in parameters(folder).items()
-    ]
-    specs.append(
-        NodeSpec(
-            "world_model",
-            BESIDE,
-            parameters={**REPLAY_PARAMETERS, **shipped_parameters(folder)},
-            remappings=shipped_remappings(),
-        )
-    )
+    specs = [replay_spec(name, **given) for name, given in parameters(folder).items()]
+    beside = replay_spec("world_model", BESIDE, **shipped_parameters(folder))
+    specs.append(replace(beside, remappings=shipped_remappings()))
     meter = UsageMeter()
     script = script or full_script()
     with Director(script.wanted, script.verify_at, script.search_at) as director:

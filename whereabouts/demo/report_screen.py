@@ -12,7 +12,7 @@ from estimation.geometry.places import Places
 from whereabouts.demo.pictures import COLORS
 from whereabouts.demo.reading import BELIEVED, NOBODY, Said, Task, TrueThing, Truth
 from whereabouts.demo.reasons import plain
-from whereabouts.demo.screen import GONE, HERE, LOST, KnownThing, Screen, at_place, person_names, thinned
+from whereabouts.demo.screen import GONE, HERE, LOST, KnownThing, Screen, at_place, thinned
 
 Array = NDArray[np.float64]
 PERIOD = 0.5
@@ -51,14 +51,13 @@ def _way(said: Said) -> Array:
 
 
 def _take_people(screen: Screen, said: Said, truth: Truth) -> None:
-    names = person_names({one.label for people in said.people.values() for one in people})
     known = sorted(truth.people)
     for stamp in thinned(said.people, PERIOD):
         spots = _true_people(truth, known, stamp)
         for one in said.people[stamp]:
             x, y = one.position.tolist()
             nobody = spots is not None and not (np.hypot(*(spots - one.position).T) <= MISSED).any()
-            screen.people.setdefault(names[one.label], []).append((stamp, x, y, one.hidden, nobody))
+            screen.people.setdefault(f"person {one.label}", []).append((stamp, x, y, one.hidden, nobody))
         if spots is not None:
             screen.true_people.append((stamp, spots))
     for name, rows in sorted(truth.things.items()):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any
@@ -204,8 +204,3 @@ def thinned(stamps: Iterable[float], period: float) -> list[float]:
         if not kept or stamp - kept[-1] >= period - 1e-6:
             kept.append(stamp)
     return kept if not ordered or kept[-1] == ordered[-1] else [*kept, ordered[-1]]
-
-
-def person_names(labels: Iterable[int]) -> Mapping[int, str]:
-    """ "person 3" by label."""
-    return {label: f"person {label}" for label in labels}

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from whereabouts.nodes.messages.markers import colour, marker, point
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import frame_name
@@ -359,12 +360,9 @@ class ObjectSearchNode(SuiteNode):
 def _markers(header: Header, step: SearchStep) -> MarkerArray:
     """Why the robot goes where it goes, written over the goal."""
     assert step.goal is not None
-    marker = Marker(header=header, ns="search", id=0, type=Marker.TEXT_VIEW_FACING)
-    marker.text, marker.scale.z = step.reason, 0.3
-    marker.pose.position.x, marker.pose.position.y = float(step.goal[0]), float(step.goal[1])
-    marker.pose.position.z, marker.pose.orientation.w = 1.0, 1.0
-    marker.color.r, marker.color.a = 1.0, 1.0
-    return MarkerArray(markers=[marker])
+    words = marker(header, "search", Marker.TEXT_VIEW_FACING, colour((1.0, 0.0, 0.0)), 0.3)
+    words.text, words.pose.position = step.reason, point(step.goal, 1.0)
+    return MarkerArray(markers=[words])
 
 
 def main() -> None:

@@ -13,8 +13,7 @@ from whereabouts.demo.live.live_suite import live_parameters
 from whereabouts.demo.replay import CLOCK_PERIOD
 from whereabouts.node_interfaces import interfaces_of
 from whereabouts.nodes.live.live_robot import LiveRobot
-from whereabouts.nodes.runtime.suite_run import REPLAY_PARAMETERS, SuiteRun, run_suite
-from whereabouts.nodes.runtime.supervisor import NodeSpec
+from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
 from whereabouts.simulation.home.live_apartment import LiveDay
 
 LONGEST = 900.0
@@ -36,10 +35,7 @@ def run_live(
     """
     begin_in(folder)
     given = live_parameters(folder)
-    specs = [
-        NodeSpec(name, parameters={**REPLAY_PARAMETERS, **given[name]})
-        for name in (given if nodes is None else nodes)
-    ]
+    specs = [replay_spec(name, **given[name]) for name in (given if nodes is None else nodes)]
     with LiveRobot(day) as robot:
         teller = Teller(robot, script)
         log = LiveLog(day, folder / "live.mcap", teller.go_on, LONGEST)

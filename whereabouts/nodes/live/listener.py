@@ -11,7 +11,7 @@ from rclpy.qos import DurabilityPolicy
 
 from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
 from whereabouts.nodes.ros.private_node import leave, private_node
-from whereabouts.nodes.ros.qos import best_effort, latched
+from whereabouts.nodes.ros.qos import best_effort, reliable
 from whereabouts.system.interrupts import interrupts_kept
 
 DEPTH = 20
@@ -54,8 +54,8 @@ class Listener:
 
     def _subscribe(self, topic: str, type_name: str, offers: list[Any]) -> None:
         # Best effort hears everybody; what is kept for latecomers is only sent to those who ask for it.
-        kept = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers)
-        qos = latched(DEPTH) if kept else best_effort(DEPTH)
+        latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers)
+        qos = reliable(DEPTH, latched=True) if latched else best_effort(DEPTH)
         name = topic.removeprefix(self._prefix)
 
         def keep(message: Any) -> None:

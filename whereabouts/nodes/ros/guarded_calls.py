@@ -9,7 +9,6 @@ from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 
 from estimation.errors import InputError, WhereaboutsError
 from whereabouts.nodes.messages.envelopes import envelope
-from whereabouts.nodes.messages.outcomes import decline
 
 if TYPE_CHECKING:
     from whereabouts.nodes.ros.base import SuiteNode
@@ -58,14 +57,32 @@ def guarded_answer(
             inside.check(request)
             return callback(request, response)
         except WhereaboutsError as error:
-            if not decline(response, str(error), "REFUSED"):
+            if not _decline(response, str(error), "REFUSED"):
                 node.complain(f"service {name}: {error}", key=(name, str(error)))
         except OSError as error:
             node.complain(f"service {name}: {error}", key=(name, "failed"))
-            decline(response, str(error)[:1000])
+            _decline(response, str(error)[:1000])
         except Exception as error:
             node.report_defect(f"service {name}", error)
-            decline(response, f"{type(error).__name__}: {error}")
+            _decline(response, f"{type(error).__name__}: {error}")
         return response
 
     return answer
+
+
+def _decline(response: Any, sentence: str, code: str = "FAILED") -> bool:
+    """Write into a response why nothing was done; whether it has a place for that.
+
+    The suite's own services have a code and a message, those of std_srvs success and a message, others neither. An
+    answer of nav2's that says nothing would say success.
+    """
+    if hasattr(response, "RESULT_UNDEFINED_FAILURE"):
+        response.result = response.RESULT_UNDEFINED_FAILURE
+        return False
+    if hasattr(response, "code"):
+        response.code, response.message = getattr(response, code), sentence
+        return True
+    if hasattr(response, "success"):
+        response.success, response.message = False, sentence
+        return True
+    return False

@@ -3,9 +3,10 @@
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 
 
-def latched(depth: int = 1) -> QoSProfile:
-    """Reliable; what was sent last is kept for those who come late."""
-    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+def reliable(depth: int, latched: bool) -> QoSProfile:
+    """latched : what was sent last is kept for those who come late."""
+    kept = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
 
 
 def best_effort(depth: int) -> QoSProfile:
@@ -13,11 +14,11 @@ def best_effort(depth: int) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-LATCHED = latched()
+LATCHED = reliable(1, latched=True)
 # A state that is kept for those who come late. Of two at once the first is heard as well: a replay counts them.
-HEARD_LATCHED = latched(10)
+HEARD_LATCHED = reliable(10, latched=True)
 TF_QOS = QoSProfile(depth=100)
-TF_STATIC_QOS = latched(100)
+TF_STATIC_QOS = reliable(100, latched=True)
 BURST = 200
 # What is said once and must not get lost: a verdict, a change of who is there.
 EVENTS = QoSProfile(depth=BURST)

@@ -7,11 +7,11 @@ from collections.abc import Iterable
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from whereabouts.logs import McapWriter, Topic
 from whereabouts.nodes.messages.message_types import definition, message_class
+from whereabouts.nodes.ros.qos import reliable
 
 DEPTH = 1000
 
@@ -52,8 +52,6 @@ class Recorder:
 
         # A latched publisher's last message is wanted too; a volatile one is compatible only with volatile.
         latched = name.rsplit("/", 1)[-1] in ("tf_static", "map", "trajectory")
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
-        subscription = node.create_subscription(kind, name, keep, qos, raw=True)
+        subscription = node.create_subscription(kind, name, keep, reliable(DEPTH, latched), raw=True)
         topic.append(Topic(subscription.topic_name, type_name, definition(type_name)))
         return subscription

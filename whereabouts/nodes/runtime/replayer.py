@@ -11,12 +11,12 @@ from typing import Any, Protocol
 
 from rclpy.executors import Executor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from whereabouts.logs import RawMessage, Topic, open_raw
 from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.ros.qos import reliable
 from whereabouts.nodes.ros.turns import turn_topic
 from whereabouts.nodes.runtime.audience import Audience
 from whereabouts.nodes.runtime.flow import Flow
@@ -193,14 +193,14 @@ class Replayer:
         latched = any(offer.durability == "transient_local" for offer in topic.qos)
         # Old recordings do not tell; who listens to these asks for it.
         latched = latched or topic.name.rsplit("/", 1)[-1] in ("tf_static", "world_state")
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
         try:
             kind = message_class(topic.type_name)
         except UnknownTypeError as error:
             self.account.skipped[topic.name] = str(error)
             return
-        self._publishers[topic.name] = self._node.create_publisher(kind, self._name(topic), qos)
+        self._publishers[topic.name] = self._node.create_publisher(
+            kind, self._name(topic), reliable(DEPTH, latched)
+        )
         if latched:
             self._latched.add(self._name(topic))
 

@@ -63,6 +63,11 @@ class SuiteRun:
     replayer: Replayer | None = field(default=None, init=False)
 
 
+def replay_spec(executable: str, namespace: str = "", **parameters: Any) -> NodeSpec:
+    """A node set up for replay."""
+    return NodeSpec(executable, namespace, {**REPLAY_PARAMETERS, **parameters})
+
+
 def prepare_environment(private: bool = False) -> None:
     """Environment of this process and its nodes; call it before anything of ROS is created.
 
@@ -232,8 +237,3 @@ def _let_recorder_finish(executor: Any, recorder: Recorder, replayer: Replayer) 
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline and not (complete() and quiet() >= QUIET):
         executor.spin_once(timeout_sec=QUIET / 5)
-
-
-def replay_spec(executable: str, **parameters: Any) -> NodeSpec:
-    """A node set up for replay."""
-    return NodeSpec(executable, parameters={**REPLAY_PARAMETERS, **parameters})
