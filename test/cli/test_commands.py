@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from whereabouts.cli import main
 from whereabouts.cli.main import app
 from whereabouts.demo.recorded import dropped
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, read_tum
@@ -108,3 +109,21 @@ def test_the_demo_counts_what_any_node_dropped() -> None:
         "loop_closure": {"/scan dropped": "2", "/scan dropped, no transform": "2", "/odometry dropped": "0"},
     }
     assert dropped(said) == 3
+
+
+def test_what_ros_says_itself_is_a_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class RCLError(RuntimeError):
+        """As rclpy's, whose place in rclpy is no public one."""
+
+    def fails() -> None:
+        raise RCLError("error creating node: no security libraries\nat node.c:252")
+
+    monkeypatch.setattr(main, "app", fails)
+    monkeypatch.setattr(main, "listen_to_interrupts", lambda: None)
+    with pytest.raises(SystemExit, match="1"):
+        main.main()
+    assert capsys.readouterr().err == (
+        "whereabouts: ROS says: error creating node: no security libraries at node.c:252\n"
+    )

@@ -101,6 +101,12 @@ def main() -> None:
             raise
         print(f"whereabouts: {sentence}", file=sys.stderr)
         sys.exit(1)
+    except RuntimeError as error:
+        # Of ROS itself, such as of SROS2's keys; rclpy has no public name for it, and may not be here.
+        if type(error).__name__ != "RCLError":
+            raise
+        print(f"whereabouts: ROS says: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(1)
     except BrokenPipeError:
         # The reader of our output has gone, as `| head` does.
         sys.exit(0)
