@@ -22,6 +22,7 @@ from mcp.client.streamable_http import streamable_http_client
 
 from estimation.errors import InputError
 from whereabouts.agents.knowledge import ACTING, Knowledge
+from whereabouts.agents.mcp_server import server_of
 from world_model import ask
 
 sys.path.append(str(Path(__file__).parents[1] / "world_model"))
@@ -173,6 +174,22 @@ def test_what_is_allowed_corrects_the_store(store: Path) -> None:
 
     anyio.run(run)
     assert ask(store, "where is the red cup?").value is None
+
+
+def test_why_there_is_no_picture_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    knowledge = Knowledge(None)
+
+    def nothing(call: object) -> None:
+        raise InputError("nothing has been seen yet")
+
+    monkeypatch.setattr(knowledge, "ask", nothing)
+
+    async def run() -> None:
+        async with Client(server_of(knowledge)) as client:
+            with pytest.raises(Exception, match="nothing has been seen yet"):
+                await client.read_resource("whereabouts://map")
+
+    anyio.run(run)
 
 
 def test_what_cannot_be_served_is_said(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from inspect import signature
 from typing import Annotated, Any
 
 from mcp.server.mcpserver import Context, MCPServer
-from mcp.server.mcpserver.exceptions import ToolError
+from mcp.server.mcpserver.exceptions import ResourceError, ToolError
 from mcp_types import ToolAnnotations
 from pydantic import BaseModel, Field, ValidationError
 
@@ -288,8 +288,10 @@ def _resources(server: MCPServer[Any], knowledge: Knowledge) -> None:
         """A picture of rooms, furniture and objects."""
         from whereabouts.agents.picture import map_picture
 
-        drawn: bytes = knowledge.ask(map_picture)
-        return drawn
+        try:
+            return knowledge.ask(map_picture)
+        except WhereaboutsError as error:
+            raise ResourceError(str(error)) from error
 
 
 def world_record(world: Recall) -> dict[str, Any]:
