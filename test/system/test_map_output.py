@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 
 from estimation.geometry.poses import pose_to_quaternion
 from loop_closure.maps.map_grid import MapGrid
-from whereabouts.nodes.mapping.map_output import MapOutput
+from whereabouts.nodes.mapping.map_publisher import MapOutput
 from whereabouts.nodes.messages.map_messages import packed_path
 
 

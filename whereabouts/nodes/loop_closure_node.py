@@ -28,8 +28,7 @@ from registration.laser.scan import Scan
 from whereabouts.nodes.mapping.map_editing import MapEditing
 from whereabouts.nodes.mapping.map_files import MapFiles
 from whereabouts.nodes.mapping.map_in_use import MapInUse
-from whereabouts.nodes.mapping.map_output import MapOutput
-from whereabouts.nodes.mapping.map_publisher import MapPublisher
+from whereabouts.nodes.mapping.map_publisher import MapOutput, MapPublisher
 from whereabouts.nodes.mapping.map_transform import MapTransform
 from whereabouts.nodes.mapping.odometry_source import OdometrySource
 from whereabouts.nodes.messages.conversions import (

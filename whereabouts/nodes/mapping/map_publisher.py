@@ -1,8 +1,10 @@
-"""What is sent of a map: the path, the grid and what changes of it, points, and markers for listeners."""
+"""What is sent of a map: the path, points, markers for listeners, and the grid as nav2 takes it: whole on `map`, and on
+`map_updates` what has changed of that since."""
 
 from __future__ import annotations
 
 import numpy as np
+from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import NDArray
@@ -11,16 +13,72 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
+from estimation.geometry.grid_kernels import TILE
 from estimation.geometry.poses import compound, inverse, pose_from_matrix
-from loop_closure.maps.map_grid import map_points
+from estimation.geometry.tiles import VIEW_CELLS, TileView
+from loop_closure.maps.map_grid import MapGrid, map_points
 from whereabouts.nodes.mapping.map_in_use import MapInUse
-from whereabouts.nodes.mapping.map_output import MapOutput
 from whereabouts.nodes.messages.conversions import PLANAR, cloud_message
-from whereabouts.nodes.messages.map_messages import marker_messages, packed_path
+from whereabouts.nodes.messages.map_messages import grid_message, marker_messages, packed_path, update_message
 from whereabouts.nodes.messages.stamps import time_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.nodes.ros.qos import LATCHED
+
+Array = NDArray[np.float64]
+
+
+class MapOutput:
+    """Bounded views of a map's grid, of `most` cells; what has to be left out of one is said."""
+
+    def __init__(self, node: SuiteNode, most: int = VIEW_CELLS) -> None:
+        self._node = node
+        self._most = most
+        self._whole = node.add_output(GridMessage, "map", LATCHED)
+        self._updates = node.add_output(OccupancyGridUpdate, "map_updates")
+        self._view: TileView | None = None  # that was sent last
+
+    def forget(self) -> None:
+        """Begin anew: the next map is sent whole."""
+        self._view = None
+
+    @property
+    def updates_wanted(self) -> bool:
+        """Whether somebody listens to what changes of a map that was sent."""
+        return self._view is not None and self._updates.wanted
+
+    def outdated(self, grid: MapGrid, around: Array | None) -> bool:
+        """Whether another part of an unchanged map has to be shown, as the robot has moved on."""
+        view = self._view
+        return view is not None and view.left_out > 0 and grid.tiles.view(around, self._most) != view
+
+    def send(self, header: Header, grid: MapGrid, around: Array | None) -> None:
+        """Send the map whole; `around` (2,) : where the robot is, metres, if that is known."""
+        self._view = grid.tiles.view(around, self._most)
+        grid.changed()
+        self._whole.publish(grid_message(header, grid.tiles, self._view))
+        left_out = grid.left_out(self._view)
+        if left_out:
+            self._node.complain(f"map: {left_out}", key="map left out")
+
+    def message(self, header: Header, grid: MapGrid, around: Array | None) -> GridMessage:
+        """The map as a message for one who asks; `around` as for `send`."""
+        return grid_message(header, grid.tiles, grid.tiles.view(around, self._most))
+
+    def send_changes(self, header: Header, grid: MapGrid, around: Array | None) -> None:
+        """Send the box of what has changed; the whole map if another part of it is to be shown."""
+        view = grid.tiles.view(around, self._most)
+        if self._view is None or (view.low, view.shape) != (self._view.low, self._view.shape):
+            self.send(header, grid, around)
+            return
+        changed = np.array(list(grid.changed()), dtype=np.int64).reshape(-1, 2) - view.low
+        inside = changed[((changed >= 0) & (changed < view.shape)).all(axis=1)]
+        if len(inside):
+            low = inside.min(axis=0)
+            rows, columns = (inside.max(axis=0) + 1 - low).tolist()
+            box = TileView((int(low[0]) + view.low[0], int(low[1]) + view.low[1]), (rows, columns))
+            offset = int(low[1]) * TILE, int(low[0]) * TILE
+            self._updates.publish(update_message(header, offset, grid.tiles.values(box)))
 
 
 class MapPublisher:
@@ -78,7 +136,7 @@ class MapPublisher:
     def _header(self, stamp: int) -> Header:
         return Header(stamp=time_message(stamp), frame_id=self._frame)
 
-    def _base_poses(self) -> NDArray[np.float64]:
+    def _base_poses(self) -> Array:
         """(N, 6) poses of the robot at the keyframes."""
         poses = self._map.slam.graph.poses
         if poses.ndim == 3:
