@@ -72,15 +72,13 @@ def require_places(path: Path | None) -> None:
 
 
 AnyLog = Annotated[
-    Path,
-    typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag."),
+    Path, typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag.")
 ]
 TopicToUse = Annotated[
     str | None, typer.Option("--topic", help="Topic of the scans or clouds; default: the first one found.")
 ]
 WithWheels = Annotated[
-    bool,
-    typer.Option("--wheels/--no-wheels", help="Use the log's wheel odometry, if any, as initial guess."),
+    bool, typer.Option("--wheels/--no-wheels", help="Use the log's wheel odometry, if any, as initial guess.")
 ]
 ParamsFile = Annotated[
     Path | None,
@@ -91,14 +89,8 @@ ParamsFile = Annotated[
         "the robot's frame, as tf says how the sensor is mounted.",
     ),
 ]
-TumFile = Annotated[
-    Path | None,
-    file_to_write("--out", "T.tum", "Write the trajectory, one line per scan."),
-]
-JsonFile = Annotated[
-    Path | None,
-    file_to_write("--json", "FILE", "Write the figures to FILE as JSON."),
-]
+TumFile = Annotated[Path | None, file_to_write("--out", "T.tum", "Write the trajectory, one line per scan.")]
+JsonFile = Annotated[Path | None, file_to_write("--json", "FILE", "Write the figures to FILE as JSON.")]
 
 Dask = Annotated[
     str,

@@ -28,8 +28,7 @@ def console(
     host: Annotated[
         str,
         typer.Option(
-            "--host",
-            help="Address to serve at. 0.0.0.0 lets other devices look, with the token only.",
+            "--host", help="Address to serve at. 0.0.0.0 lets other devices look, with the token only."
         ),
     ] = "127.0.0.1",
     live: Annotated[

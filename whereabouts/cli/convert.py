@@ -26,10 +26,7 @@ Target = Annotated[
     Path,
     typer.Argument(metavar="OUT", help="OUT.mcap writes one file; any other name writes a rosbag2 folder."),
 ]
-Topic = Annotated[
-    list[str] | None,
-    typer.Option("--topic", help="Convert only this topic. Can be repeated."),
-]
+Topic = Annotated[list[str] | None, typer.Option("--topic", help="Convert only this topic. Can be repeated.")]
 MaxRange = Annotated[
     float | None,
     typer.Option(
@@ -86,15 +83,7 @@ def convert(
     if (max_range or rate) and detect(source)[0] not in ("carmen", "g2o"):
         raise InputError("--max-range and --rate are for CARMEN and g2o logs; a bag keeps what was recorded")
     with share_bar(f"converting {source.name}") as share:
-        result = convert_log(
-            source,
-            target,
-            topic,
-            max_range,
-            rate,
-            share,
-            seconds,
-        )
+        result = convert_log(source, target, topic, max_range, rate, share, seconds)
     for line in result.summary.lines():
         typer.echo(line, err=True)
     typer.echo(_sentence(target, result))

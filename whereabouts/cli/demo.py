@@ -29,10 +29,7 @@ Bag = Annotated[
 Rate = Annotated[
     float | None,
     typer.Option(
-        "--rate",
-        min=0.01,
-        max=1000.0,
-        help="Multiple of the recorded speed. Default: as fast as possible.",
+        "--rate", min=0.01, max=1000.0, help="Multiple of the recorded speed. Default: as fast as possible."
     ),
 ]
 Seconds = Annotated[

@@ -10,10 +10,7 @@ from whereabouts.system.counting import counted
 
 
 def doctor(
-    bag: BagToLookAt = None,
-    preset: PresetName = None,
-    seconds: Seconds = 5.0,
-    json_file: JsonFile = None,
+    bag: BagToLookAt = None, preset: PresetName = None, seconds: Seconds = 5.0, json_file: JsonFile = None
 ) -> None:
     """Say what is wrong with a robot or a recording, what the suite would use, and what to do.
 

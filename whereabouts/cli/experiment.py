@@ -27,12 +27,7 @@ Out = Annotated[
     Path, typer.Option("--out", help="Folder for NAME.json and its pictures.", callback=target_folder)
 ]
 Jobs = Annotated[
-    int | None,
-    typer.Option(
-        "--jobs",
-        min=1,
-        help="Number of processes. Default: 1; for `all` one per core.",
-    ),
+    int | None, typer.Option("--jobs", min=1, help="Number of processes. Default: 1; for `all` one per core.")
 ]
 LeftOut = Annotated[
     bool, typer.Option("--left-out", help="Show only the results on data that took part in no choice.")

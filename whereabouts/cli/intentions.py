@@ -26,17 +26,12 @@ Method = Annotated[
 ]
 Horizon = Annotated[float, typer.Option("--horizon", min=0.1, max=60.0, help="Seconds to look ahead.")]
 Radius = Annotated[
-    float,
-    typer.Option("--radius", min=0.01, help="Distance to the exit that counts as correct, in metres."),
+    float, typer.Option("--radius", min=0.01, help="Distance to the exit that counts as correct, in metres.")
 ]
 Load = Annotated[Path | None, typer.Option("--load", metavar="M.npz", help="Continue with a saved model.")]
-SaveOption = Annotated[
-    Path | None,
-    file_to_write("--save", "M.npz", "Save the model to this file."),
-]
+SaveOption = Annotated[Path | None, file_to_write("--save", "M.npz", "Save the model to this file.")]
 Picture = Annotated[
-    Path | None,
-    file_to_write("--picture", "P.png", "Draw the learned walks and the predictions."),
+    Path | None, file_to_write("--picture", "P.png", "Draw the learned walks and the predictions.")
 ]
 
 

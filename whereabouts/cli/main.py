@@ -50,10 +50,7 @@ def _say_version(wanted: bool) -> None:
 
 
 app = typer.Typer(
-    name="whereabouts",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
+    name="whereabouts", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
 for command in (
     demo, setup, doctor, parameters, run, ask, find, forget, save_map, load_map, mcp, console, view,

@@ -21,8 +21,7 @@ def parameters(
         bool, typer.Option("--expert", help="Those that hardly anybody changes, in place of the usual ones.")
     ] = False,
     out: Annotated[
-        Path | None,
-        file_to_write("--out", "FILE", "Write them here; default: print them."),
+        Path | None, file_to_write("--out", "FILE", "Write them here; default: print them.")
     ] = None,
 ) -> None:
     """Write a ROS parameter file with the defaults, and the meaning, unit and range of each parameter."""

@@ -33,8 +33,7 @@ Config = Annotated[
     ),
 ]
 Bag = Annotated[
-    Path | None,
-    typer.Option("--bag", help="Replay this ROS 1 or ROS 2 bag through the nodes, then end."),
+    Path | None, typer.Option("--bag", help="Replay this ROS 1 or ROS 2 bag through the nodes, then end.")
 ]
 Rate = Annotated[
     float | None,
@@ -54,10 +53,7 @@ Record = Annotated[
         help="Topic to record, such as odometry:nav_msgs/msg/Odometry. Can be repeated.",
     ),
 ]
-Out = Annotated[
-    Path | None,
-    file_to_write("--out", "OUT.mcap", "File for the recording."),
-]
+Out = Annotated[Path | None, file_to_write("--out", "OUT.mcap", "File for the recording.")]
 Params = Annotated[
     Path | None, typer.Option("--params", help="ROS parameter file. It overrides the shipped ones.")
 ]

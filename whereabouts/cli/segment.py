@@ -21,8 +21,7 @@ PAIR = (-0.6, 0.6)  # seconds to the scan that the text's method compares with: 
 
 def segment(
     source: Annotated[
-        Path | None,
-        typer.Argument(metavar="[IN]", help="Any readable log with planar scans."),
+        Path | None, typer.Argument(metavar="[IN]", help="Any readable log with planar scans.")
     ] = None,
     out: Annotated[
         Path | None,

@@ -35,10 +35,9 @@ PresetName = Annotated[
 
 def setup(
     bag: BagToLookAt = None,
-    out: Annotated[
-        Path,
-        file_to_write("--out", "robot.yaml", "Write the parameter file here."),
-    ] = Path("robot.yaml"),
+    out: Annotated[Path, file_to_write("--out", "robot.yaml", "Write the parameter file here.")] = Path(
+        "robot.yaml"
+    ),
     preset: PresetName = None,
     look: Annotated[
         bool,

@@ -38,8 +38,7 @@ class Proposals(StrEnum):
 
 
 ClosuresOption = Annotated[
-    Path | None,
-    file_to_write("--closures", "C.csv", "Write the accepted closures to this file."),
+    Path | None, file_to_write("--closures", "C.csv", "Write the accepted closures to this file.")
 ]
 MapFile = Annotated[
     Path | None,

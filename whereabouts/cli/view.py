@@ -25,12 +25,10 @@ Bags = Annotated[
     ),
 ]
 Save = Annotated[
-    Path | None,
-    file_to_write("--save", "OUT.rrd", "Write a Rerun file instead of opening a window."),
+    Path | None, file_to_write("--save", "OUT.rrd", "Write a Rerun file instead of opening a window.")
 ]
 Picture = Annotated[
-    Path | None,
-    file_to_write("--picture", "OUT.png", "Draw the last state from above. Needs no Rerun."),
+    Path | None, file_to_write("--picture", "OUT.png", "Draw the last state from above. Needs no Rerun.")
 ]
 Until = Annotated[
     float | None,

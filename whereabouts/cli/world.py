@@ -28,17 +28,12 @@ Source = Annotated[
         "tf all in one frame), or with boxes, camera_info, depth and tf; or a store.",
     ),
 ]
-Out = Annotated[
-    Path | None,
-    file_to_write("--out", "states.jsonl", "Write the world after every message."),
-]
+Out = Annotated[Path | None, file_to_write("--out", "states.jsonl", "Write the world after every message.")]
 Events = Annotated[
-    Path | None,
-    file_to_write("--events", "events.csv", "Write what happened to each object."),
+    Path | None, file_to_write("--events", "events.csv", "Write what happened to each object.")
 ]
 StoreOption = Annotated[
-    Path | None,
-    typer.Option("--store", metavar="world.sqlite", help="Keep the world in this database file."),
+    Path | None, typer.Option("--store", metavar="world.sqlite", help="Keep the world in this database file.")
 ]
 Params = Annotated[Path | None, typer.Option("--params", help="ROS parameter file of the node world_model.")]
 Places = Annotated[Path | None, typer.Option("--places", metavar="home.yaml", help="Rooms and furniture.")]

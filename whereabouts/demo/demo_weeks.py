@@ -165,8 +165,7 @@ def summary(month: Month) -> list[Row]:
     slowest = found["slowest_answer_ms"]
     return [
         Row(
-            "places of things that are believed right, every 90 min",
-            f"{found['places_right_percent']:.1f} %",
+            "places of things that are believed right, every 90 min", f"{found['places_right_percent']:.1f} %"
         ),
         Row(
             "questions answered",

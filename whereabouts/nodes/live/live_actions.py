@@ -11,13 +11,7 @@ from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError
 from whereabouts.nodes.live.searching import Search, Searches
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
 from whereabouts_msgs.action import FindObject
-from whereabouts_msgs.srv import (
-    ForgetObject,
-    LoadMap,
-    RelabelObject,
-    SaveMap,
-    TriggerVerification,
-)
+from whereabouts_msgs.srv import ForgetObject, LoadMap, RelabelObject, SaveMap, TriggerVerification
 from world_model.questions import Recall
 from world_model.questions.answers import clean
 from world_model.questions.naming import PREPOSITIONS, in_known_words, plain, sort_of, things_named

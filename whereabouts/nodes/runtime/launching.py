@@ -36,9 +36,7 @@ ARGUMENTS = {
     "autostart": ("true", "false: leave the nodes unconfigured for a lifecycle manager"),
 }
 # With nav2 only.
-NAV2_ARGUMENTS = {
-    "nav2_params_file": ("", "nav2's parameter file, in place of the shipped nav2_params.yaml"),
-}
+NAV2_ARGUMENTS = {"nav2_params_file": ("", "nav2's parameter file, in place of the shipped nav2_params.yaml")}
 # Servers of nav2 by package, in the order in which they are activated. The map and the robot's pose are the suite's.
 NAV2 = {
     "nav2_controller": "controller_server",

@@ -19,12 +19,7 @@ from whereabouts.nodes.messages.conversions import scan_from_message
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.messages.transforms import frame_name
-from whereabouts.recorded.camera_messages import (
-    TOLERANCE,
-    Cameras,
-    check_depth,
-    depth_from_message,
-)
+from whereabouts.recorded.camera_messages import TOLERANCE, Cameras, check_depth, depth_from_message
 from whereabouts.recorded.evidence_messages import SeenFrame
 from world_model.camera import (
     CameraModel,
@@ -147,14 +142,7 @@ class CameraDoor:
             depth, at = self._image(stamp, frame, camera)
             turned = self._turned(frame, robot.matrix, stamp, at)
         return CameraView(
-            camera,
-            robot.matrix,
-            depth,
-            scan,
-            robot.pose_covariance,
-            robot.origin,
-            self.rates,
-            turned=turned,
+            camera, robot.matrix, depth, scan, robot.pose_covariance, robot.origin, self.rates, turned=turned
         )
 
     def _turned(self, frame: str, pose: Array, stamp: int, at: int) -> Array | None:
