@@ -21,8 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from estimation.errors import InputError
 from whereabouts.node_names import NODES
-from whereabouts.parameter_file import hint, is_parameter_file, problems_of_file, read_yaml
-from whereabouts.parameters.description import explain
+from whereabouts.parameter_file import hint, is_parameter_file, problems_of, problems_of_file, read_yaml
 from whereabouts.parameters.registry import model_of
 
 
@@ -181,18 +180,8 @@ def _parameter_problems(config: SuiteConfig) -> list[str]:
     """What the nodes would refuse of their parameters, or not know."""
     problems = []
     for name, node in config.nodes.items():
-        where, model = f"nodes.{name}", model_of(name)
-        known = [*model.model_fields, "use_sim_time"]
-        checked = {}
-        for key, value in node.parameters.items():
-            if key in model.model_fields:
-                checked[key] = value
-            elif key != "use_sim_time" and not key.startswith("qos_overrides."):
-                problems.append(f"{where}.parameters.{key}: there is no such parameter{hint(key, known)}")
-        try:
-            model.model_validate(checked)
-        except ValidationError as error:
-            problems += [f"{where}.parameters: {explain(model, problem)}" for problem in error.errors()]
+        where = f"nodes.{name}"
+        problems += [f"{where}.parameters: {text}" for text in problems_of(model_of(name), node.parameters)]
         if node.params_file is not None and not node.params_file.is_file():
             problems.append(f"{where}.params_file: {node.params_file} does not exist")
     for key in ("params_file", "bag"):

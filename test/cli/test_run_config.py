@@ -68,7 +68,7 @@ def test_without_a_file_all_nodes_run_as_shipped() -> None:
         ({"nodes": {"verifier": {"parameter": {}}}}, "nodes.verifier.parameter: there is no such key; did you mean"),
         (
             {"nodes": {"verifier": {"parameters": {"frame": 3}}}},
-            "nodes.verifier.parameters.frame: there is no such parameter; did you mean 'frames'?",
+            "nodes.verifier.parameters: frame: there is no such parameter; did you mean 'frames'?",
         ),
         (
             {"nodes": {"verifier": {"parameters": {"frames": 0}}}},

@@ -9,17 +9,20 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
 from serving import served
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
+from typer.testing import CliRunner
 from websockets.sync.client import connect
 
 import whereabouts.console.console_server
 from estimation.errors import InputError
 from estimation.geometry.places import Places
+from whereabouts.cli.main import app
 from whereabouts.console.console_server import Console
 from whereabouts.console.shown import Shown, empty
 from whereabouts.console.sources import ConsoleError, StoreSource
@@ -244,3 +247,15 @@ def test_a_store_is_shown_as_it_was_at_any_time(tmp_path: Path) -> None:
             refused = client.post("/api/find", json={"name": "cup"}, headers=KNOWN)
             assert refused.status_code == 400
         source.close()
+
+
+def test_the_address_that_is_printed_leads_to_the_token(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "world.sqlite"
+    Store(path).close()
+    monkeypatch.setattr("uvicorn.Server.run", lambda self: None)
+    given = ["console", "--store", str(path), "--port", "8097", "--token", "a b&c+d"]
+    shown = CliRunner().invoke(app, given).output
+    address = shown.split()[2]
+    assert parse_qs(urlsplit(address).fragment) == {"token": ["a b&c+d"]}

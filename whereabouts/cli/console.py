@@ -46,6 +46,8 @@ def console(
 
     It needs nothing from the internet. Whoever has the address with the token may save the map and search for things.
     """
+    from urllib.parse import quote
+
     import uvicorn
 
     from estimation.errors import InputError
@@ -69,7 +71,10 @@ def console(
             timeout_graceful_shutdown=1,
         )
         require_free(host, port)
-        print(f"console: open http://{shown}:{port}/#token={token}\nconsole: Ctrl-C ends it", flush=True)
+        print(
+            f"console: open http://{shown}:{port}/#token={quote(token, safe='')}\nconsole: Ctrl-C ends it",
+            flush=True,
+        )
         uvicorn.Server(config).run()
 
 

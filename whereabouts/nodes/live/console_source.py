@@ -102,8 +102,6 @@ class LiveSource:
 
     def act(self, name: str, arguments: dict[str, Any]) -> str:
         actions = {"find": self._search_for, "cancel": self._cancel, "save_map": self._save_map}
-        if name not in actions:
-            raise ConsoleError(f"{name!r} is nothing that can be done; {', '.join(actions)} are")
         return actions[name](arguments)
 
     def _spin(self) -> None:
