@@ -14,6 +14,7 @@ from estimation.geometry.places import Place, Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.memory.store import Store
 from world_model.queries import QueryAnswer
+from world_model.questions import ask, recall
 
 CONFIG = WorldModelConfig(
     classes=["cup", "bowl", "shoe", "table"],
@@ -225,3 +226,24 @@ def test_without_a_store_the_past_is_not_known() -> None:
     with pytest.raises(InputError, match="only a world model with a store"):
         model.query(stamp=9.0)
     assert model.query(region=[(0, 0), (1, 0), (1, 1)]) == []
+
+
+@pytest.mark.parametrize(
+    ("looks", "question", "start", "end", "probability"),
+    [
+        (30, "where is the bowl", "cup-1 (green bowl) is on the counter", "", 1.0),
+        (30, "where is the cup", 'I know of no "cup" now', "", 0.9),
+        (7, "where is the cup", "cup-1 (green bowl) is on the counter", "; it is a cup with p = 0.43.", 0.43),
+    ],
+)
+def test_what_turns_out_to_be_of_another_class_is_told_of_as_that(
+    tmp_path: Path, looks: int, question: str, start: str, end: str, probability: float
+) -> None:
+    with Store(tmp_path / "world.sqlite") as store:
+        model = WorldModel(CONFIG, home(), store)
+        stamp = look(model, 90.0, 10, seen(ON_COUNTER, "cup", "green", 0.6))
+        look(model, stamp, looks, seen(ON_COUNTER, "bowl", "green", 0.6))
+        answer = ask(recall(store), question)
+    assert answer.sentence.startswith(start)
+    assert answer.sentence.endswith(end)
+    assert answer.probability == pytest.approx(probability, abs=0.01)

@@ -69,26 +69,31 @@ def name_of(place: str) -> str:
 
 
 def described(world: Recall, object_id: str) -> str:
-    """ "cup-3 (red)", of a person whose name is known "Anna (person-3)"."""
+    """ "cup-3 (red)", what has turned out to be a bowl "cup-3 (red bowl)", a person with a name "Anna (person-3)"."""
     item = world.item(object_id)
     called = name_of_person(item)
     if called:
         return f"{clean(called)} ({clean(object_id)})"
-    colors = item.attributes.get("color", {}) if item is not None else {}
-    best = max(colors, key=colors.__getitem__, default="")
-    return f"{clean(object_id)} ({clean(best)})" if best and colors[best] >= 0.5 else clean(object_id)
+    symbol = parse_symbol(object_id)
+    told = [_likely(item, "color"), _likely(item, "class")]
+    if symbol is None or told[1] == symbol[0]:
+        told.pop()
+    words = " ".join(clean(word).replace("_", " ") for word in told if word)
+    return f"{clean(object_id)} ({words})" if words else clean(object_id)
+
+
+def _likely(item: WorldObject | None, attribute: str) -> str:
+    """The value of an attribute that is likelier than all others together, "" where none is."""
+    values = item.attributes.get(attribute, {}) if item is not None else {}
+    best = max(values, key=values.__getitem__, default="")
+    return str(best) if best and values[best] >= 0.5 else ""
 
 
 def name_of_person(item: WorldObject | None) -> str:
     """What a person is called, as an attribute says, "" where nothing does."""
     if item is None or item.most_probable("class") != PERSON:
         return ""
-    for attribute in NAMES:
-        values = item.attributes.get(attribute, {})
-        best = max(values, key=values.__getitem__, default="")
-        if best and values[best] >= 0.5:
-            return str(best)
-    return ""
+    return next((name for attribute in NAMES if (name := _likely(item, attribute))), "")
 
 
 def people(world: Recall) -> dict[str, list[str]]:
@@ -389,4 +394,6 @@ def _nothing(world: Recall, words: str, place: str) -> str:
     known = sorted(set(classes(world).values()))
     if not known:
         return f'I know of no "{said}": nothing has been seen yet.'
+    if sort_of(world, said) is not None:
+        return f'I know of no "{said}" now.'
     return f'I know of no "{said}"; what I have seen are of the classes {listed(map(clean, known), 20)}.'

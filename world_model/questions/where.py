@@ -26,9 +26,11 @@ from world_model.questions.naming import (
     Meant,
     at_the,
     described,
+    name_of,
     one_named,
     place_named,
     plain,
+    sort_of,
     spoken,
     things_named,
 )
@@ -47,12 +49,23 @@ def where_is(world: Recall, what: str) -> Answer:
     """Where an object is now. value : name of the place. Several that fit are all told of. Raises NothingKnownError."""
     meant = things_named(world, what)
     if len(meant.ids) == 1:
-        return _where(world, meant.ids[0], world.now, "where_is", meant.by_name)
+        found = _where(world, meant.ids[0], world.now, "where_is", meant.by_name)
+        return _doubted(world, found, meant)
     each = [_where(world, name, world.now, "where_is", False) for name in meant.ids]
-    found = [answer for answer in each if answer.value]
-    if len(found) == 1 and not meant.plural:
-        return found[0]
+    known = [answer for answer in each if answer.value]
+    if len(known) == 1 and not meant.plural:
+        return known[0]
     return _several(world, list(meant.ids), each, meant.plural)
+
+
+def _doubted(world: Recall, answer: Answer, meant: Meant) -> Answer:
+    """The answer about the one object that was meant, where that rather is of another class."""
+    item, sort = world.present.get(meant.ids[0]), None if meant.by_name else sort_of(world, meant.words)
+    if item is None or sort is None or sort.kind in (None, item.most_probable("class")):
+        return answer
+    p = item.attributes.get("class", {}).get(sort.kind, 0.0)
+    sentence = f"{answer.sentence.rstrip('.')}; it is a {name_of(sort.kind)} with {told(p)}."
+    return replace(answer, sentence=sentence, probability=answer.probability * p)
 
 
 def _several(world: Recall, ids: list[str], each: list[Answer], plural: bool) -> Answer:
