@@ -8,12 +8,13 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # Where Python must not keep what it compiles (as in many containers), each node would compile all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-bounds lint setup setup-test docs site colcon wheels lock bench bench-check chaos peers clean
+.PHONY: help demo test test-bounds coverage lint setup setup-test docs site colcon wheels lock bench bench-check chaos peers clean
 
 help:
 	@echo "make demo    replay a recorded robot run through the suite; the report goes to demo-report/"
 	@echo "make test    lint, type check and all tests"
 	@echo "make test-bounds  the libraries' tests with bounds checks in compiled code"
+	@echo "make coverage  how much of the libraries their tests reach, lines and branches; written to bench/coverage.txt"
 	@echo "make chaos   generated, mutated and damaged inputs for MINUTES=10 (SEED=1); exit status 1 for any death"
 	@echo "make docs    write every figure and generated page anew, from results/ and the sources"
 	@echo "make site    build the documentation as a web site, in site/"
@@ -51,6 +52,16 @@ test: lint
 # Compiled functions check every index here; what they compile to is kept apart from the ordinary cache.
 test-bounds: setup-test
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/.venv/numba-bounds $(BIN)/python -m pytest --timeout=1200 $(foreach part,estimation registration loop_closure tracking world_model,test/$(part))
+
+# Of the libraries' lines and branches, those that their tests reach. Compiled functions cannot be watched: they are reached
+# in a second run, as plain Python, in which only small cases come to an end and the others are cut off.
+LIBRARIES := estimation registration loop_closure tracking world_model
+COVER := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -q --cov-branch --cov-report= $(LIBRARIES:%=--cov=%) $(LIBRARIES:%=test/%)
+coverage: setup-test
+	$(COVER)
+	-NUMBA_DISABLE_JIT=1 $(COVER) --cov-append --tb=no -r N --timeout=10 -o timeout_func_only=true
+	@for part in $(LIBRARIES); do printf '%-14s %s %%\n' $$part $$($(BIN)/coverage report --include="$$part/*" --format=total); done \
+		| tee bench/coverage.txt
 
 MINUTES ?= 10
 SEED ?= 1
