@@ -45,7 +45,7 @@ REJECTED = 0.01
 PLAIN_WIDTH = {2: 44, 3: 41}
 # What comes with the package; `docs/loop_closure_models.md` says on what they were trained and how good they are.
 NAMES = ("plain_2d", "best_2d", "plain_3d", "best_3d")
-COMPARING, MATCHING = 0.0015, 0.4  # ms for each pair, in the first stage and in the second
+COMPARING, MATCHING = 0.0015, 0.7  # ms for each pair, in the first stage and in the second
 TOGETHER = 10  # pairs of the second stage that are one step
 
 
