@@ -139,7 +139,8 @@ def test_wrong_parameters_are_told_as_by_a_process_of_its_own(tmp_path: Path) ->
 
 
 def test_what_a_node_has_made_for_itself_ends_with_it_and_leaves_nothing_behind(tmp_path: Path) -> None:
-    with Supervisor(tmp_path, hosted=True) as supervisor:
+    # Another child has ended, too, and whoever started it has not asked yet.
+    with Supervisor(tmp_path, hosted=True) as supervisor, subprocess.Popen("true"):
         node = supervisor.start(NodeSpec("loop_closure"))
         watch(supervisor, lambda: node.was_active)
         pid = node.process.pid

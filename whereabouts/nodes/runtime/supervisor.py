@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -183,6 +183,7 @@ class Supervisor:
         self._on_event = on_event or (lambda text: None)
         self.nodes: dict[str, ManagedNode] = {}
         self._given_up: set[str] = set()
+        self._groups: set[int] = set()  # of processes, that nodes which have ended led
         # Called with the full name of a node that has ended, before it is started again.
         self.on_death: Callable[[str], None] = lambda name: None
 
@@ -251,7 +252,7 @@ class Supervisor:
         """
         if not self._has_ended():
             return
-        _reap_orphan()
+        self._reap_orphans()
         for name, node in self.nodes.items():
             if node.running or name in self._given_up:
                 continue
@@ -265,6 +266,7 @@ class Supervisor:
     def _bury(self, name: str, node: ManagedNode) -> None:
         """A node has ended: decide when it is started again, if at all."""
         code, known = node.process.returncode, node.was_active
+        self._groups.add(node.process.pid)
         if code in (1, 2) and not known:
             self._given_up.add(name)
             raise SuiteError(f"{name} could not start; its last lines:\n{node.log_tail()}")
@@ -275,6 +277,18 @@ class Supervisor:
         if node.died() > RESTART_LIMIT and not (known and self._patient):
             self._given_up.add(name)
             raise SuiteError(f"{name} died {len(node.deaths)} times; its last lines:\n{node.log_tail()}")
+
+    def _reap_orphans(self) -> None:
+        """Forget processes that a node had made for itself: once it has ended they are children of this one, if hosted.
+
+        Ended ones of others, such as of a browser that was started beside, are none of its business.
+        """
+        for group in tuple(self._groups):
+            try:
+                while os.waitpid(-group, os.WNOHANG)[0]:
+                    pass
+            except ChildProcessError:
+                self._groups.remove(group)
 
     def stop(self) -> None:
         """End all nodes: SIGINT, and for one that does not listen SIGKILL."""
@@ -291,17 +305,6 @@ class Supervisor:
                 node.process.wait()
         self._end_host()
         remove_orphans()
-
-
-def _reap_orphan() -> None:
-    """Forget a process that a node had made for itself and left behind: hosted, it has become a child of this one.
-
-    It is known by its session, which is that node's and neither its own nor this process's.
-    """
-    with suppress(ChildProcessError, ProcessLookupError):
-        ended = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-        if ended is not None and os.getsid(ended.si_pid) not in (ended.si_pid, os.getsid(0)):
-            os.waitpid(ended.si_pid, 0)
 
 
 @contextmanager
