@@ -44,17 +44,17 @@ def names(state: WorldState) -> list[str]:
     return [item.id for item in state.objects]
 
 
-def of(node: str, said: list[DiagnosticArray]) -> dict[str, str]:
-    """A node's latest figures."""
+def of(node: str, said: list[DiagnosticArray]) -> list[dict[str, str]]:
+    """A node's figures, the latest last."""
     mine = [status for message in said for status in message.status if status.name == node]
-    return {item.key: item.value for item in mine[-1].values} if mine else {}
+    return [{item.key: item.value for item in status.values} for status in mine]
 
 
 def settled(graph: Graph, node: str, said: list[DiagnosticArray]) -> dict[str, str]:
     """A node's figures after all that was sent until now."""
-    before = len(said)
-    graph.until(lambda: len(said) >= before + 3, "fresh diagnostics")
-    return of(node, said)
+    before = len(of(node, said))
+    graph.until(lambda: len(of(node, said)) >= before + 3, "fresh diagnostics of the node's own")
+    return of(node, said)[-1]
 
 
 @pytest.mark.parametrize("late", [1.3, 5.0])
@@ -232,7 +232,7 @@ def test_one_late_odometry_message_leaves_the_map_alone_and_a_loop_takes_it_up_a
     robot.go(0.0, 20.0, 0.25)
     figures = settled(graph, "loop_closure", robot.diagnostics)
     assert figures["new runs"] == str(int(runs) + 1)
-    assert "found in the map of the previous run" in graph.log(spec)
+    graph.until(lambda: "found in the map of the previous run" in graph.log(spec), "the robot is found")
     assert int(figures["keyframes"]) >= kept
     pose = graph.until(robot.in_map, "tf has the robot in the map")[0]
     miss = between(robot.truth(19.75), pose)

@@ -234,6 +234,13 @@ def test_without_a_store_the_past_is_not_known() -> None:
         (30, "where is the bowl", "cup-1 (green bowl) is on the counter", "", 1.0),
         (30, "where is the cup", 'I know of no "cup" now', "", 0.9),
         (7, "where is the cup", "cup-1 (green bowl) is on the counter", "; it is a cup with p = 0.43.", 0.43),
+        (
+            7,
+            "where is the cup on the counter",
+            "cup-1 (green bowl) is on",
+            "; it is a cup with p = 0.43.",
+            0.43,
+        ),
     ],
 )
 def test_what_turns_out_to_be_of_another_class_is_told_of_as_that(

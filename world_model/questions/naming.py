@@ -32,12 +32,13 @@ _OBJECTS = ("thing", "one", "object", "item", "anything", "something", "everythi
 @dataclass(frozen=True)
 class Meant:
     """Objects that words stand for. ids : the most probable first. words : what was said. plural : several are asked
-    for. by_name : one object by its id."""
+    for. by_name : one object by its id. kind : class that was said, None without one."""
 
     ids: tuple[str, ...]
     words: str
     plural: bool = False
     by_name: bool = False
+    kind: str | None = None
 
 
 def plain(text: str) -> str:
@@ -218,7 +219,8 @@ def things_named(world: Recall, words: str, past: bool = False) -> Meant:
         if other:
             return things_named(world, other, past)
         raise NothingKnownError(_nothing(world, words, place))
-    return Meant(tuple(ids), words, plural)
+    sort = sort_of(world, wanted)
+    return Meant(tuple(ids), words, plural, kind=sort.kind if sort else None)
 
 
 def one_named(world: Recall, words: str, past: bool = True) -> str:

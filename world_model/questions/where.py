@@ -30,7 +30,6 @@ from world_model.questions.naming import (
     one_named,
     place_named,
     plain,
-    sort_of,
     spoken,
     things_named,
 )
@@ -49,22 +48,22 @@ def where_is(world: Recall, what: str) -> Answer:
     """Where an object is now. value : name of the place. Several that fit are all told of. Raises NothingKnownError."""
     meant = things_named(world, what)
     if len(meant.ids) == 1:
-        found = _where(world, meant.ids[0], world.now, "where_is", meant.by_name)
-        return _doubted(world, found, meant)
+        answer = _where(world, meant.ids[0], world.now, "where_is", meant.by_name)
+        return _doubted(world, answer, meant.ids[0], meant.kind)
     each = [_where(world, name, world.now, "where_is", False) for name in meant.ids]
-    known = [answer for answer in each if answer.value]
+    known = [k for k, answer in enumerate(each) if answer.value]
     if len(known) == 1 and not meant.plural:
-        return known[0]
+        return _doubted(world, each[known[0]], meant.ids[known[0]], meant.kind)
     return _several(world, list(meant.ids), each, meant.plural)
 
 
-def _doubted(world: Recall, answer: Answer, meant: Meant) -> Answer:
-    """The answer about the one object that was meant, where that rather is of another class."""
-    item, sort = world.present.get(meant.ids[0]), None if meant.by_name else sort_of(world, meant.words)
-    if item is None or sort is None or sort.kind in (None, item.most_probable("class")):
+def _doubted(world: Recall, answer: Answer, name: str, kind: str | None) -> Answer:
+    """The answer about an object that was asked for as one of a class, where it rather is of another."""
+    item = world.present.get(name)
+    if item is None or kind in (None, item.most_probable("class")):
         return answer
-    p = item.attributes.get("class", {}).get(sort.kind, 0.0)
-    sentence = f"{answer.sentence.rstrip('.')}; it is a {name_of(sort.kind)} with {told(p)}."
+    p = item.attributes.get("class", {}).get(kind, 0.0)
+    sentence = f"{answer.sentence.rstrip('.')}; it is a {name_of(kind)} with {told(p)}."
     return replace(answer, sentence=sentence, probability=answer.probability * p)
 
 
