@@ -58,6 +58,34 @@ def test_nodes_of_one_host_share_memory_die_alone_and_end_with_the_supervisor(tm
             os.kill(pid, 0)
 
 
+LOADS = """
+import sys
+from whereabouts.nodes.ros import host
+
+host._load()
+before = set(sys.modules)
+import rclpy
+from whereabouts.nodes.{name}_node import {kind}
+
+rclpy.init()
+node = {kind}()
+node.trigger_configure()
+node.destroy_node()
+print(*(item.split(".")[0] for item in set(sys.modules) - before))
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("verifier", "VerifierNode"), ("loop_closure", "LoopClosureNode")]
+)
+def test_the_host_has_imported_what_a_node_imports(name: str, kind: str) -> None:
+    """Also what messages bring along when the first of their package is used: each node would have it for itself."""
+    command = [sys.executable, "-c", LOADS.replace("{name}", name).replace("{kind}", kind)]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1]
+    # nav2's are used where they are there, and asked for then.
+    assert set(answer.split()) <= {"nav2_msgs", "type_description_interfaces"}
+
+
 def test_an_interrupt_while_the_host_loads_ends_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -279,7 +279,7 @@ class PmbmRecursion:
 
     def _associate(self, predicted: Predicted, returns: FloatArray, looks: ReturnLooks | None) -> Updates:
         """The hypotheses that follow from every group's hypotheses and returns (N, 4)."""
-        points = returns[:, :2]
+        points = np.ascontiguousarray(returns[:, :2])
         tracks, births = predicted.tracks, predicted.births
         names, label = np.unique(predicted.sources.labels[:tracks], return_inverse=True)
         narrow = self._narrow(predicted)

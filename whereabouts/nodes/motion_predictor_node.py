@@ -60,7 +60,6 @@ class MotionPredictorNode(SuiteNode):
 
     parameters_model = MotionPredictorParameters
     node_name = "motion_predictor"
-    sends_clouds = True
     settings: MotionPredictorParameters
 
     def setup(self) -> None:

@@ -12,6 +12,7 @@ import ctypes
 import importlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -167,10 +168,23 @@ def _load() -> None:
     keep_packed()
     for name in NODES:
         importlib.import_module(f"whereabouts.nodes.{name}_node")
+    _load_messages()
     # Where nothing is compiled yet, each node had better compile its own.
     if any(Path(__file__).parents[3].joinpath("estimation").rglob("*.nbi")):
         for part in PARTS.values():
             part()
+
+
+def _load_messages() -> None:
+    """What a node loads when the first message of a kind is used, and the generators of messages that come along."""
+    from rclpy.type_support import check_for_type_support
+
+    interfaces = [module for name, module in sys.modules.items() if re.search(r"\.(msg|srv|action)$", name)]
+    for kind in [kind for module in interfaces for kind in vars(module).values()]:
+        if hasattr(type(kind), "__import_type_support__"):
+            # One that cannot be loaded is the trouble of the node that needs it.
+            with suppress(Exception):
+                check_for_type_support(kind)
 
 
 def _wait_for_parent(supervisor: int) -> None:
