@@ -59,7 +59,12 @@ class MapTransform:
         self._told_correction, self._told_until = correction, until
 
     def repeat(self, stamp: int | None) -> None:
-        """For those who come late and while no scans come; each scan's own was just sent otherwise."""
+        """For those who come late and while no scans come; each scan's own was just sent otherwise.
+
+        In lock-step nobody comes late, and what the clock says of the time between two scans is none.
+        """
+        if self._node.replayed:
+            return
         period = self._node.settings.tf_period * NANOSECONDS
         if self._node.get_clock().now().nanoseconds - self._told >= period:
             self.publish(stamp)
