@@ -140,10 +140,6 @@ class ScanTracker:
             prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess),
             TURNED if guess is None else 0.0, None if guess is None else self._prior(start, guess),
         )  # fmt: skip
-        if steady and believable and self._lost < 2:
-            # Not longer, lest a sensor that is lost be never found.
-            moved = between(self._sure, match.refined.pose)
-            believable = self._habit.plausible(moved, self._lost + 1)
         if not believable:
             return self._stray(prepared, motion, guess is not None, match)
         return self._accept(prepared, motion, guess is not None, match)
