@@ -1,4 +1,4 @@
-"""How a sensor moves from scan to scan, learned while it is followed: what to expect next, and what not to believe.
+"""How a sensor moves from scan to scan, learned while it is followed: what to expect next.
 
 Without wheels the motion since the last scan is only a guess. Where scans come at a rate the last motion again is a
 good one; where a scan is kept per metre of path it is not, as every step is about as long as all the others but turns
@@ -18,7 +18,6 @@ from estimation.geometry.poses import wrap_angle
 KEPT = 200  # motions remembered
 FEWEST = 15  # motions before anything is made of them
 APART = 0.7  # metres between scans from which on they are taken to be kept by distance
-BEYOND, SLACK, SLACK_TURN = 1.5, 0.3, 0.5  # factor, m and rad beyond what has been seen
 STEADY = 0.6  # a fifth of the motions may be shorter than this share of the median
 
 
@@ -63,19 +62,6 @@ class Habit:
     def expected(self, last: FloatArray, lost: bool) -> FloatArray:
         """The motion (3,) to expect after `last`, which is only a guess itself where the sensor is `lost`."""
         return self._typical.copy() if self.steady and (lost or self.regular) else last
-
-    def plausible(self, motion: FloatArray, scans: int) -> bool:
-        """Whether a motion (3,) over some scans is no longer, no further back and no sharper a turn than any known.
-
-        Without this question a run of a corridor without an end can go off by a hundred metres.
-        """
-        known = self._motions[: self._count]
-        distances, turns = np.hypot(known[:, 0], known[:, 1]), np.abs(known[:, 2])
-        most = scans * (BEYOND * float(np.quantile(distances, 0.98)) + SLACK)
-        turn = scans * BEYOND * float(np.quantile(turns, 0.98)) + SLACK_TURN
-        back = scans * (BEYOND * max(0.0, -float(known[:, 0].min())) + SLACK)
-        near = bool(np.hypot(motion[0], motion[1]) <= most and motion[0] >= -back)
-        return near and abs(wrap_angle(float(motion[2]))) <= turn
 
 
 def _difference(one: FloatArray, other: FloatArray) -> float:

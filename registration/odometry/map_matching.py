@@ -24,7 +24,6 @@ FAR = 0.4  # share asked of a match far from the prediction where nothing but th
 TURNED = (
     0.6  # less what contradicts, asked of a match turned far: rooms and corridors fit themselves backwards
 )
-NEVER = 2.0
 NEAR = (0.25, 0.12)  # metres and radians from the prediction within which little has to agree
 ELSEWHERE = 0.6  # metres or radians from it from which on a few pieces of outline fit in many places
 LEAST_OUTLINE = 4.0  # metres that have to agree far from the prediction
@@ -76,11 +75,10 @@ class Match:
         """Whether it is about what was predicted."""
         return near(start, self.refined.pose, 0.5)
 
-    def believable(self, start: FloatArray, far: float, turned: float = TURNED) -> bool:
+    def believable(self, start: FloatArray, far: float) -> bool:
         """Whether enough speaks for it: little is enough where it is what was predicted.
 
-        far : share that is asked of a match `ELSEWHERE` from the prediction. turned : the same, less what contradicts,
-        of one that is turned so far.
+        far : share that is asked of a match `ELSEWHERE` from the prediction.
         """
         if self.refined.open_directions == 3:
             return False
@@ -94,7 +92,7 @@ class Match:
                 return False
             least = far
         doubt = self.against / self.agreement.agreeing if self.agreement.agreeing else 1.0
-        if turn > ELSEWHERE and self.share - doubt < turned:
+        if turn > ELSEWHERE and self.share - doubt < TURNED:
             return False
         return self.share >= least and doubt < 0.4
 
@@ -124,13 +122,12 @@ class MapMatcher:
         wide: bool = False,
         little: bool = False,
         other: FloatArray | None = None,
-        turned: float = TURNED,
         prior: Prior | None = None,
     ) -> tuple[Match, bool]:
         """Best match around `start` (3,), and whether it is to be believed.
 
         other : a second prediction (3,) that is far from `start`; what the scan agrees with more is followed.
-        far : share asked of a match far from the prediction, above 1 for never. turned : see `Match.believable`.
+        far : share asked of a match far from the prediction.
         wide : search around `last` too, where the sensor was last sure to be.
         little : near `start`, little or contradicted agreement is enough: neighbouring scans share little.
         prior : pose and information that wheels give. Lines that tell little of the way along a corridor let a scan
@@ -149,22 +146,22 @@ class MapMatcher:
                 best = held
         if best.expected(start) and best.share >= SURE and best.refined.open_directions < 3:
             return best, True
-        if best.believable(start, far, turned) and best.share >= SURER:
+        if best.believable(start, far) and best.share >= SURER:
             return best, True
         tight = self._refined(scan, start.copy(), 0.1)
         found = [best, tight, *self._search(scan, start, start, NEAR_SEARCH)]
-        best = self._best(found, scan, start, far, turned)
-        if little and not best.believable(start, far, turned):
+        best = self._best(found, scan, start, far)
+        if little and not best.believable(start, far):
             found = [Match(m.refined, m.agreement, self._against(m, scan)) for m in found]
             close = [match for match in found if match.agrees or match.uncontradicted]
             if close:
                 return max(close, key=lambda match: match.agreement.agreeing), True
-        if wide and not best.believable(start, far, turned):
+        if wide and not best.believable(start, far):
             found = [best, *self._search(scan, last, start, WIDE_SEARCH)]
-            farther = self._best(found, scan, start, far, turned)
+            farther = self._best(found, scan, start, far)
             # Of what is not to be believed, the nearer.
-            best = farther if farther.believable(start, far, turned) else best
-        return best, best.believable(start, far, turned)
+            best = farther if farther.believable(start, far) else best
+        return best, best.believable(start, far)
 
     def outdoes_prediction(self, match: Match, scan: PreparedScan, start: FloatArray) -> bool:
         """Whether more speaks for a match that is not to be believed than for the prediction `start` (3,) as it is.
@@ -216,11 +213,9 @@ class MapMatcher:
             found.append(match)
         return found
 
-    def _best(
-        self, found: list[Match], scan: PreparedScan, start: FloatArray, far: float, turned: float
-    ) -> Match:
+    def _best(self, found: list[Match], scan: PreparedScan, start: FloatArray, far: float) -> Match:
         judged = [Match(m.refined, m.agreement, self._against(m, scan)) for m in found]
-        return max(judged, key=lambda match: (match.believable(start, far, turned), _merit(match, start)))
+        return max(judged, key=lambda match: (match.believable(start, far), _merit(match, start)))
 
     def _against(self, match: Match, scan: PreparedScan) -> float:
         """Map outline this scan saw through, and scan outline where the last scan saw through; metres."""

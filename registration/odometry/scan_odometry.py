@@ -28,9 +28,7 @@ from registration.odometry.map_matching import (
     FAR,
     GROSS,
     NEAR_SEARCH,
-    NEVER,
     SURE,
-    TURNED,
     MapMatcher,
     Match,
     Prior,
@@ -132,18 +130,14 @@ class ScanTracker:
         start = compound(self.pose, motion)
         if poor:
             return self._predict(motion, guess is not None, poor, 0.0)
-        # Wheels may jump after a gap, but not often: a place far from where they put the sensor needs a second look.
         astray = self._lost >= 2
-        far = FAR if guess is None else SURE if astray else NEVER
+        # Wheels may jump after a gap, but not often: a place far from where they put the sensor has to show more.
+        far = FAR if guess is None else SURE
         steady = guess is None and self._habit.steady
         match, believable = self._matcher.find(
             prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess),
-            TURNED if guess is None else 0.0, None if guess is None else self._prior(start, guess),
+            None if guess is None else self._prior(start, guess),
         )  # fmt: skip
-        if steady and believable and self._lost < 2:
-            # Not longer, lest a sensor that is lost be never found.
-            moved = between(self._sure, match.refined.pose)
-            believable = self._habit.plausible(moved, self._lost + 1)
         if not believable:
             return self._stray(prepared, motion, guess is not None, match)
         return self._accept(prepared, motion, guess is not None, match)

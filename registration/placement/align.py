@@ -124,7 +124,7 @@ def best_of(
     for candidate in found:
         refined = refine(moving.surface, still.target, candidate[1:].copy(), 0.15)
         views = agreements(moving, still, refined.pose)
-        ranked.append((_nearest_merit(views, refined.pose, start, reach), refined, views))
+        ranked.append((merit(views), refined, views))
     if not ranked:
         return None, start, None
     _, refined, views = max(ranked, key=lambda entry: entry[0])
@@ -169,15 +169,6 @@ def agreements(moving: PreparedScan, still: PreparedScan, pose: FloatArray) -> t
 def merit(views: tuple[Agreement, Agreement], against: float = 1.0) -> float:
     """Agreeing outline less `against` times the contradicting, metres."""
     return sum(view.agreeing - against * view.standing for view in views)
-
-
-def _nearest_merit(
-    views: tuple[Agreement, Agreement], pose: FloatArray, start: FloatArray, reach: float
-) -> float:
-    """`merit`; of equals the one nearer to the guess, without which errors across a corridor are larger than stated."""
-    gain = merit(views)
-    away = float(np.hypot(*(pose[:2] - start[:2])))
-    return gain * (1.0 - 0.1 * min(away / reach, 2.0) * np.sign(gain))
 
 
 def settle(

@@ -46,14 +46,3 @@ def test_little_is_made_of_few_motions() -> None:
     habit = walked(np.tile([1.0, 0.0, 0.0], (10, 1)))
     assert not habit.steady
     assert not habit.regular
-
-
-def test_turning_round_or_stepping_back_is_not_believed_of_who_never_did() -> None:
-    rng = np.random.default_rng(2)
-    steps = np.column_stack((rng.normal(1.0, 0.05, 80), np.zeros(80), rng.uniform(-0.5, 0.5, 80)))
-    habit = walked(steps)
-    assert all(habit.plausible(step, 1) for step in steps)
-    assert habit.plausible(np.array([0.1, 0.0, -0.8]), 1)
-    for odd in ([1.0, 0.0, np.pi], [-1.5, 0.0, 0.0], [3.0, 0.0, 0.0]):
-        assert not habit.plausible(np.array(odd), 1)
-    assert habit.plausible(np.array([3.0, 0.0, 0.0]), 2)
