@@ -45,7 +45,7 @@ class Everybody(ClassModel):
 
 
 def everybody() -> PeopleTracker:
-    return PeopleTracker(classes=Everybody(GradientBoosting(), (), 1.0, 0.0))
+    return PeopleTracker(classes=Everybody(GradientBoosting(), 1.0, 0.0))
 
 
 def seen_of(scan: Scan, background: Background | None = None) -> ClusterScan:
