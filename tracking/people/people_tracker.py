@@ -33,14 +33,14 @@ from tracking.people.free_space import Background
 from tracking.people.identity import ReturningPeople
 from tracking.people.legs import clusters_of
 from tracking.people.people_config import PeopleConfig
-from tracking.people.people_middle import WIDE
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
 from tracking.people.person_class import SHORT, ClassEvidence, ClassModel, class_model, rows_of
 
 PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
-EXACTER = 4.0  # by which the variance of a trunk's place is smaller than that of a leg
+WIDE = 0.25  # m, a cluster wider than that is both legs or a trunk
+EXACTER = 4.0  # by which the variance of its place is smaller than that of a leg
 CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half of the time
 SPEED = 0.7  # m/s, deviation of a new target's velocity
 LINK = 0.9995  # quantile of the distance of two legs up to which they are searched together
