@@ -127,6 +127,19 @@ def test_background_tells_what_came_from_what_stood() -> None:
     assert unseen.tolist() == [0.0, 0.0, 1.0, 1.0]
 
 
+def test_who_turns_out_to_be_somebody_has_not_become_background() -> None:
+    nobody, somebody = np.zeros((0, 2)), np.array([[2.0, 1.0]])
+    for known, stood in ((100, True), (5, False)):
+        background = Background()
+        for k in range(30):
+            sweep = Sweep.of(scan_of(with_leg(wall(), 2.0, 1.0), 0.1 * k), np.zeros(3), None, 0.1)
+            people = somebody if k >= known else nobody
+            background.add(sweep, 0.1 * k, np.zeros(361, dtype=bool), people, 0.3)
+        old = background.evidence(np.array([[1.93, 0.97], [6.0, 0.0]]), np.full(2, 0.1))[1]
+        assert (old[0] > 0.9) == stood
+        assert old[1] > 0.9  # the wall
+
+
 def test_what_comes_into_view_with_its_surroundings_is_new_more_often_and_a_thing_rather_than_a_person() -> (
     None
 ):

@@ -205,7 +205,8 @@ class PeopleTracker:
         # What is followed as a target is no clutter, whatever its class.
         mine = np.zeros(len(seen.clusters) + 1, dtype=bool)
         mine[seen.index[self._of_targets(seen)]] = True
-        self.background.add(sweep, stamp, own | mine[seen.clusters.labels])
+        people = np.array([person.mean[:2] for person in self._people()]).reshape(-1, 2)
+        self.background.add(sweep, stamp, own | mine[seen.clusters.labels], people, BELONGS)
         self.health.potential = len(self.targets)
         self._name(found)
         return self._people()
