@@ -117,7 +117,7 @@ def test_background_tells_what_came_from_what_stood() -> None:
         scan = scan_of(with_leg(wall(), 2.0, 1.0), 0.1 * k)
         background.add(Sweep.of(scan, pose, None, 0.1), 0.1 * k, ignore)
     points = np.array([[1.93, 0.97], [2.5, -1.0], [8.0, 0.0], [-3.0, 0.0]])
-    fresh, old, unseen = background.evidence(points, np.full(4, 0.1))
+    fresh, old, unseen = background.evidence(points, np.full(4, 2.5))
     assert old[0] > 0.9  # the leg
     assert fresh[0] == 0.0
     assert fresh[1] == 1.0  # seen empty all the time
@@ -135,7 +135,7 @@ def test_who_turns_out_to_be_somebody_has_not_become_background() -> None:
             sweep = Sweep.of(scan_of(with_leg(wall(), 2.0, 1.0), 0.1 * k), np.zeros(3), None, 0.1)
             people = somebody if k >= known else nobody
             background.add(sweep, 0.1 * k, np.zeros(361, dtype=bool), people, 0.3)
-        old = background.evidence(np.array([[1.93, 0.97], [6.0, 0.0]]), np.full(2, 0.1))[1]
+        old = background.evidence(np.array([[1.93, 0.97], [6.0, 0.0]]), np.full(2, 2.5))[1]
         assert (old[0] > 0.9) == stood
         assert old[1] > 0.9  # the wall
 

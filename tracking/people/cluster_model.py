@@ -106,7 +106,7 @@ class ClusterScan:
     ) -> ClusterScan:
         """The measurements of a scan; beams of `moving` (N,) hit what moves."""
         inside = clusters.labels >= 0
-        fresh, old, unseen = background.evidence(sweep.points(inside), 0.05 + 0.02 * scan.ranges[inside])
+        fresh, old, unseen = background.evidence(sweep.points(inside), scan.ranges[inside])
         fresh = np.maximum(fresh, MOVING * moving[inside])
         names, counts = clusters.labels[inside], np.maximum(clusters.counts, 1)
         fresh = np.bincount(names, fresh, len(clusters)) / counts
@@ -128,7 +128,7 @@ class ClusterScan:
         ranges = clusters.ranges[chosen]
         # Returns at equal steps across a round body lie π/4 of its radius before its middle, on average.
         behind = math.pi / 4.0 * 0.5 * (clusters.widths + spacing)[chosen]
-        places = clusters.centres[chosen] * (1.0 + behind / np.maximum(ranges, 0.1))[:, None]
+        places = clusters.centres[chosen] * (1.0 + behind / np.maximum(ranges, 1e-9))[:, None]
         middles = (clusters.first[chosen] + clusters.last[chosen]) // 2
         return cls(
             sweep.placed(places, middles),

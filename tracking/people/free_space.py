@@ -83,11 +83,12 @@ class Background:
             grid = self.counts, self.owner, self.seen
             _insert(*grid, self._scans, old, self.tuning.cell, self.tuning.reach, keep)
 
-    def evidence(self, points: FloatArray, slack: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def evidence(self, points: FloatArray, away: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """How surely each point (M, 2) lies where it was empty, where something stood, and where nobody has looked.
 
-        slack : (M,) metres, how well the place of a point is known. All (M,) in [0, 1].
+        away : (M,) metres from the scanner, the farther the less well a place is known. All (M,) in [0, 1].
         """
+        slack = 0.05 + 0.02 * away
         return _evidence(self.counts, self.owner, points, slack, self.tuning.cell)
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import expit
 
 from estimation.checks import FloatArray, as_finite, as_shape
 from estimation.conversion.uncertain_frame import state_through_uncertain_pose
@@ -344,11 +345,11 @@ class PeopleTracker:
             evidence.look(seen, rows, whose, target, pose, others, dt, stamp, posed)
         self.evidence = {label: item for label, item in self.evidence.items() if label in living}
         odds = self.classes.odds([self.evidence[target.label].features(target) for target in found])
-        for target, own in zip(found, _probabilities(odds), strict=True):
+        for target, own in zip(found, expit(odds).tolist(), strict=True):
             if self.evidence[target.label].looks > SHORT:
                 self.evidence[target.label].own = own
         odds += self._known_before(found)
-        people = _probabilities(odds)
+        people = expit(odds).tolist()
         self.recursion.classify({target.label: p for target, p in zip(found, people, strict=True)})
         self.targets = []
         for target, person in zip(found, people, strict=True):
@@ -395,11 +396,6 @@ class PeopleTracker:
 
     def _people(self) -> list[Person]:
         return [target for target in self.targets if target.person > self.config.report]
-
-
-def _probabilities(odds: FloatArray) -> list[float]:
-    """Of log-odds (T,)."""
-    return list((1.0 / (1.0 + np.exp(-np.clip(odds, -30.0, 30.0)))).tolist())
 
 
 def _moved(spots: FloatArray, shift: FloatArray) -> FloatArray:
