@@ -46,8 +46,6 @@ EVERY = 4  # scans from one example of a target to the next
 OURS, NOT_OURS = 0.4, 0.9  # m to a true person within which, and beyond which, a target is one or none
 TREES, DEPTH = 300, 4
 FOLDS = 3  # parts of which each is left out once for the calibration
-# Where people were recorded says nothing about people.
-USED = tuple(name for name in NAMES if name != "range")
 
 
 class _Undecided(ClassModel):
@@ -59,7 +57,7 @@ class _Undecided(ClassModel):
 
 def undecided() -> PeopleTracker:
     """A tracker that follows everything and calls nothing a person."""
-    return PeopleTracker(classes=_Undecided(GradientBoosting(), (), 1.0, 0.0))
+    return PeopleTracker(classes=_Undecided(GradientBoosting(), 1.0, 0.0))
 
 
 @dataclass
@@ -294,8 +292,7 @@ def calibrated(odds: Array, positive: npt.NDArray[np.bool_], weights: Array) -> 
 def trained(found: list[ClassExamples], seed: int = 0) -> tuple[ClassModel, dict[str, object]]:
     """Trees over all examples, calibrated by those that leave a part out each; and a card."""
     found = [item for item in found if len(item.positive)]
-    columns = tuple(NAMES.index(name) for name in USED)
-    features = np.concatenate([item.features for item in found])[:, columns]
+    features = np.concatenate([item.features for item in found])
     positive = np.concatenate([item.positive for item in found])
     weights = balanced(found)
     fold = np.concatenate(folds(found))
@@ -313,7 +310,7 @@ def trained(found: list[ClassExamples], seed: int = 0) -> tuple[ClassModel, dict
     card = {
         "what": "log-odds that a target of the tracker is a person, by boosted trees",
         "trained_by": "python -m evaluation.people.people_class_training",
-        "features": list(USED),
+        "features": list(NAMES),
         "scale": round(scale, 3),
         "prior": round(prior, 3),
         "sources": {
@@ -326,7 +323,7 @@ def trained(found: list[ClassExamples], seed: int = 0) -> tuple[ClassModel, dict
         },
         "limits": "legs and round bodies at one height; who stands is told from a table leg by shape only",
     }
-    return ClassModel(grown(np.ones(len(positive), dtype=bool)), columns, scale, prior), card
+    return ClassModel(grown(np.ones(len(positive), dtype=bool)), scale, prior), card
 
 
 def main() -> None:

@@ -121,7 +121,7 @@ def _again(things: list[_Thing], place: Array, kind: Array, stamp: float) -> Non
 
 
 def _kinds_at(background: Background, spots: Array, ranges: Array) -> Array:
-    return kinds_of(*background.evidence(spots, 0.05 + 0.02 * ranges))
+    return kinds_of(*background.evidence(spots, ranges))
 
 
 def of_scene(scene: PeopleScene, rng: np.random.Generator, into: Counted) -> None:

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.people.people_training import USED, ClusterExamples, examples, marks_of, trained
+from evaluation.people.people_training import ClusterExamples, examples, marks_of, trained
 from evaluation.report import Report, RunOptions
-from tracking.people.legs import FEATURES
 from tracking.people.people_shape import ShapeModel
 from tracking.people.people_tracker import PeopleTracker
 from whereabouts.logs import open_log
@@ -95,7 +94,7 @@ def marked_legs(options: RunOptions, report: Report) -> None:
 def without(sources: list[ClusterExamples], name: str) -> ShapeModel:
     """The shape model of all sources but those of one recording."""
     rest = [item for item in sources if item.source.partition("/")[0] != name]
-    return ShapeModel(trained(rest), tuple(FEATURES.index(column) for column in USED))
+    return ShapeModel(trained(rest))
 
 
 def _cells(judged: Marked) -> list[object]:

@@ -31,8 +31,6 @@ SPARSE = (1, 2, 3)  # every how many-th beam is kept
 NEAR_LABEL = 0.12  # metres from a marked leg to the cluster it marks
 MOST = 12000  # clusters of one source
 TREES, DEPTH = 120, 4
-# Where people were recorded says nothing about people: neither distance nor what is around.
-USED = tuple(name for name in FEATURES if name not in ("range", "crowd", "spacing", "other_gap"))
 WIDE = 0.8  # metres; clusters wider than that are never asked about
 
 
@@ -192,11 +190,10 @@ def examples(folder: Path, seed: int = 0) -> list[ClusterExamples]:
 def trained(found: list[ClusterExamples], seed: int = 0) -> GradientBoosting:
     """Trees whose log odds are the log-likelihood ratio: both classes count alike, every source by at most `MOST`."""
     rng = np.random.default_rng(seed)
-    columns = [FEATURES.index(name) for name in USED]
     parts, labels = [], []
     for item in found:
         chosen = np.sort(rng.permutation(len(item.features))[:MOST])
-        parts.append(item.features[chosen][:, columns])
+        parts.append(item.features[chosen])
         labels.append(item.positive[chosen])
     features, positive = np.concatenate(parts), np.concatenate(labels)
     return GradientBoosting(rounds=TREES, depth=DEPTH, seed=seed).fit(features, positive.astype(int))
@@ -221,7 +218,7 @@ def main() -> None:
     card = {
         "what": "log-likelihood ratio person : other of one laser cluster, by boosted trees",
         "trained_by": "python -m evaluation.people.people_training",
-        "features": list(USED),
+        "features": list(FEATURES),
         "trees": TREES,
         "most_clusters_per_source": MOST,
         "sources": sources,

@@ -7,12 +7,12 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy.special import gammaln, logsumexp
-from scipy.stats import invwishart, multivariate_normal, nbinom
+from scipy.stats import multivariate_normal, nbinom
 
 from tracking.mixture import association_kernels as kernels
 
 GATE, LOG_CLUTTER = 1e9, -6.0
-MODEL = kernels.CellModel(GATE, True, True, 30)
+MODEL = kernels.CellModel(GATE, True, 30)
 
 
 def source(
@@ -24,7 +24,6 @@ def source(
     row[[kernels.PXX, kernels.PXY, kernels.PYY]] = variance, 0.3, variance
     row[[kernels.XXX, kernels.XXY, kernels.XYY]] = 1.0, 0.1, 1.2
     row[[kernels.ALPHA, kernels.BETA]] = 3.0, 1.0
-    row[[kernels.VXX, kernels.VXY, kernels.VYY, kernels.NU]] = 8.0, 0.5, 9.0, 11.0
     row[[kernels.ON, kernels.OFF, kernels.CLASS]] = on, off, 0.7
     return row
 
@@ -40,10 +39,10 @@ def cell_of(z: np.ndarray) -> np.ndarray:
     return np.array([len(z), *mean, scatter[0, 0], scatter[0, 1], scatter[1, 1], 0, 0, 0])
 
 
-def log_stacked(row: np.ndarray, z: np.ndarray, spread: np.ndarray | None = None) -> float:
+def log_stacked(row: np.ndarray, z: np.ndarray) -> float:
     """(9d) with 2n × 2n matrices, and the Poisson weight e^-γ γ^n."""
     n = len(z)
-    X = matrix(row, kernels.XXX) if spread is None else spread
+    X = matrix(row, kernels.XXX)
     S = np.tile(matrix(row, kernels.PXX), (n, n)) + np.kron(np.eye(n), X)
     rate = row[kernels.ALPHA] / row[kernels.BETA]
     density = multivariate_normal(np.tile(row[[kernels.MX, kernels.MY]], n), S).logpdf(z.ravel())
@@ -53,7 +52,7 @@ def log_stacked(row: np.ndarray, z: np.ndarray, spread: np.ndarray | None = None
 @pytest.mark.parametrize("n", [1, 2, 6])
 def test_known_cell_is_the_stacked_likelihood(n: int) -> None:
     row, z = source((1.0, -0.5)), np.random.default_rng(n).normal(0, 2, (n, 2))
-    assert kernels.log_cell(kernels.with_constants(row[None])[0], cell_of(z), True, True) == pytest.approx(
+    assert kernels.log_cell(kernels.with_constants(row[None])[0], cell_of(z), True) == pytest.approx(
         log_stacked(row, z), rel=1e-10
     )
 
@@ -64,38 +63,12 @@ def test_unknown_rate_is_negative_binomial() -> None:
     row[[kernels.ALPHA, kernels.BETA]] = 4.5, 1.7
     for n in (1, 3, 8):
         cell = cell_of(np.random.default_rng(n).normal(0, 1, (n, 2)))
-        with_rate = kernels.log_cell(
-            kernels.with_constants(row[None])[0], cell, False, True
-        ) - kernels.log_cell(kernels.with_constants(row[None])[0], cell, True, True)
+        with_rate = kernels.log_cell(kernels.with_constants(row[None])[0], cell, False) - kernels.log_cell(
+            kernels.with_constants(row[None])[0], cell, True
+        )
         rate = 4.5 / 1.7
         expected = nbinom(4.5, 1.7 / 2.7).logpmf(n) + gammaln(n + 1) - (n * np.log(rate) - rate)
         assert with_rate == pytest.approx(expected, rel=1e-9)
-
-
-def test_unknown_spread_is_integrated_out() -> None:
-    """The scatter's likelihood against its mean over draws of the spread from the Wishart density."""
-    row = source((0.0, 0.0))
-    z = np.random.default_rng(3).normal(0, 1.3, (5, 2))
-    cell = cell_of(z)
-    scatter = matrix(cell, kernels.SXX)
-    draws = invwishart(row[kernels.NU], matrix(row, kernels.VXX)).rvs(200000, random_state=4)
-    n = len(z)
-    logs = -0.5 * (
-        (n - 1) * (2 * np.log(2 * np.pi) + np.log(np.linalg.det(draws)))
-        + 2 * np.log(n)
-        + np.trace(np.linalg.inv(draws) @ scatter, axis1=1, axis2=2)
-    )
-    sampled = logsumexp(logs) - np.log(len(logs))
-    known = kernels.log_cell(kernels.with_constants(row[None])[0], cell, True, True)
-    X = matrix(row, kernels.XXX)
-    alone = -0.5 * (
-        (n - 1) * (2 * np.log(2 * np.pi) + np.log(np.linalg.det(X)))
-        + 2 * np.log(n)
-        + np.trace(np.linalg.inv(X) @ scatter)
-    )
-    assert kernels.log_cell(kernels.with_constants(row[None])[0], cell, True, False) - (
-        known - alone
-    ) == pytest.approx(sampled, abs=0.02)
 
 
 def clutter_at(z: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ class Everybody(ClassModel):
 
 
 def everybody() -> PeopleTracker:
-    return PeopleTracker(classes=Everybody(GradientBoosting(), (), 1.0, 0.0))
+    return PeopleTracker(classes=Everybody(GradientBoosting(), 1.0, 0.0))
 
 
 def seen_of(scan: Scan, background: Background | None = None) -> ClusterScan:
@@ -115,7 +115,7 @@ def test_a_scan_beyond_its_range_shows_free_floor_and_a_beam_without_a_reading_n
     spots = np.array(
         [[4.0 * np.cos(0.5), -4.0 * np.sin(0.5)], [4.0, 0.0], [4.0 * np.cos(0.5), 4.0 * np.sin(0.5)]]
     )
-    empty, _, unseen = background.evidence(spots, np.full(3, 0.1))
+    empty, _, unseen = background.evidence(spots, np.full(3, 2.5))
     assert empty.tolist() == [1.0, 0.0, 0.0]
     assert unseen.tolist() == [0.0, 1.0, 1.0]
 

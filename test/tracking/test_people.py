@@ -25,7 +25,6 @@ from tracking.mixture.occluders import PLACES, WEIGHTS, seen_shares
 from tracking.people.cluster_model import ClusterScan
 from tracking.people.free_space import Background
 from tracking.people.legs import clusters_of
-from tracking.people.people_middle import depths
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
 from whereabouts.datasets import recording
@@ -118,7 +117,7 @@ def test_background_tells_what_came_from_what_stood() -> None:
         scan = scan_of(with_leg(wall(), 2.0, 1.0), 0.1 * k)
         background.add(Sweep.of(scan, pose, None, 0.1), 0.1 * k, ignore)
     points = np.array([[1.93, 0.97], [2.5, -1.0], [8.0, 0.0], [-3.0, 0.0]])
-    fresh, old, unseen = background.evidence(points, np.full(4, 0.1))
+    fresh, old, unseen = background.evidence(points, np.full(4, 2.5))
     assert old[0] > 0.9  # the leg
     assert fresh[0] == 0.0
     assert fresh[1] == 1.0  # seen empty all the time
@@ -126,6 +125,19 @@ def test_background_tells_what_came_from_what_stood() -> None:
     assert fresh[2:].tolist() == [0.0, 0.0]  # never seen
     assert old[2:].tolist() == [0.0, 0.0]
     assert unseen.tolist() == [0.0, 0.0, 1.0, 1.0]
+
+
+def test_who_turns_out_to_be_somebody_has_not_become_background() -> None:
+    nobody, somebody = np.zeros((0, 2)), np.array([[2.0, 1.0]])
+    for known, stood in ((100, True), (5, False)):
+        background = Background()
+        for k in range(30):
+            sweep = Sweep.of(scan_of(with_leg(wall(), 2.0, 1.0), 0.1 * k), np.zeros(3), None, 0.1)
+            people = somebody if k >= known else nobody
+            background.add(sweep, 0.1 * k, np.zeros(361, dtype=bool), people, 0.3)
+        old = background.evidence(np.array([[1.93, 0.97], [6.0, 0.0]]), np.full(2, 2.5))[1]
+        assert (old[0] > 0.9) == stood
+        assert old[1] > 0.9  # the wall
 
 
 def test_what_comes_into_view_with_its_surroundings_is_new_more_often_and_a_thing_rather_than_a_person() -> (
@@ -331,12 +343,12 @@ def test_the_middle_of_round_bodies_is_found_from_their_fronts() -> None:
             for _ in range(40):
                 spot = np.array([rng.uniform(1.5, 3.5), rng.uniform(-1.0, 1.0)])
                 scan = lidar.scan(circle(spot[0], spot[1], radius), np.zeros(3), rng).scan
-                clusters = clusters_of(scan)
-                spacing = clusters.ranges * scan.angle_increment
-                behind = depths(clusters, np.ones(1, dtype=bool), spacing)
-                errors.append(clusters.ranges[0] + behind[0] - np.hypot(*spot))
+                nothing = np.zeros(len(scan), dtype=bool)
+                sweep = Sweep.of(scan, np.zeros(3), None, 0.1)
+                seen = ClusterScan.of(scan, sweep, clusters_of(scan), Background(), shape_model(), nothing)
+                errors.append(np.hypot(*seen.places[0]) - np.hypot(*spot))
     assert abs(np.mean(errors)) < 0.03
-    assert np.std(errors) < 0.05
+    assert np.std(errors) < 0.03
 
 
 def test_round_people_are_found_at_once_and_kept_behind_pillars() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from importlib import resources
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +13,9 @@ from sklearn.linear_model import LogisticRegression
 from estimation.geometry.poses import compound, inverse
 from evaluation.people.people_class_training import ClassExamples, balanced, calibrated, folds
 from tracking.mixture.target import Target
+from tracking.people import people_shape
 from tracking.people.legs import FEATURES
-from tracking.people.person_class import AVERAGED, NAMES, ClassEvidence, class_model, rows_of
+from tracking.people.person_class import AVERAGED, CARD, NAMES, ClassEvidence, class_model, rows_of
 
 
 def target_at(x: float, y: float = 0.0) -> Target:
@@ -31,7 +34,6 @@ def looks(count: int, dt: float, rng: np.random.Generator) -> tuple[ClassEvidenc
             free=rng.uniform(0.1, 0.9, 2),
             fresh=rng.uniform(0.0, 1.0, 2),
             old=rng.uniform(0.0, 0.2, 2),
-            ranges=np.full(2, x),
             counts=np.array([7, 5]),
             index=np.array([3, 1]),
             clusters=SimpleNamespace(features=rng.uniform(0.0, 1.0, (5, len(FEATURES)))),
@@ -79,7 +81,7 @@ def test_who_is_not_seen_changes_nothing() -> None:
     evidence, _ = looks(10, 0.1, np.random.default_rng(2))
     before = evidence.features(target_at(2.0))
     none = np.zeros(0, dtype=np.int64)
-    evidence.look(None, np.zeros((0, 17)), none, target_at(3.0), np.zeros(3), 0, 0.1, 9.0)  # type: ignore[arg-type]
+    evidence.look(None, np.zeros((0, len(AVERAGED))), none, target_at(3.0), np.zeros(3), 0, 0.1, 9.0)  # type: ignore[arg-type]
     assert evidence.features(target_at(2.0)) == before
     assert evidence.last_seen == pytest.approx(0.9)
 
@@ -137,8 +139,10 @@ def test_recordings_count_as_much_as_scenes_and_are_left_out_as_a_whole() -> Non
     assert set(other) != set(left)
 
 
-def test_the_shipped_model_knows_its_features() -> None:
+def test_the_shipped_models_know_their_features() -> None:
     model = class_model()
-    assert model.trees.feature_count == len(model.columns) == len(NAMES) - 1
-    assert AVERAGED.index("range") not in model.columns
+    assert model.trees.feature_count == len(NAMES)
+    for card, names in ((CARD, NAMES), (people_shape.CARD, FEATURES)):
+        text = (resources.files("tracking.people") / "models" / card).read_text(encoding="utf-8")
+        assert json.loads(text)["features"] == list(names)
     assert 0.0 < model.scale < 1.5

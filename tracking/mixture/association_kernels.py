@@ -22,31 +22,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-# Columns of a source: position and its covariance, spread of returns, gamma density of the rate, Wishart scatter and
-# freedom of the spread, log-weight of giving returns, log-weight of giving none, probability of the first class.
-MX, MY, PXX, PXY, PYY, XXX, XXY, XYY, ALPHA, BETA, VXX, VXY, VYY, NU, ON, OFF, CLASS = range(17)
-COLUMNS = 17
+# Columns of a source: position and its covariance, spread of returns, gamma density of the rate, log-weight of giving
+# returns, log-weight of giving none, probability of the first class.
+MX, MY, PXX, PXY, PYY, XXX, XXY, XYY, ALPHA, BETA, ON, OFF, CLASS = range(13)
+COLUMNS = 13
 # What follows from those, computed once a search: logarithms of the rate and of the volume of the spread, precisions of
 # the spread and of the position.
-LOG_RATE, LOG_X, WXX, WXY, WYY, QXX, QXY, QYY = range(17, 25)
+LOG_RATE, LOG_X, WXX, WXY, WYY, QXX, QXY, QYY = range(13, 21)
 # Columns of a return: position, log-density of clutter there, log-likelihood ratio of its look.
 X, Y, CLUTTER, LOOK = range(4)
 # Columns of a cell: count, mean, scatter, and the spread of the mean that comes from not knowing whose returns are.
 N, ZX, ZY, SXX, SXY, SYY, UXX, UXY, UYY = range(9)
 CELL = 9
 LOG_TWO_PI = math.log(2.0 * math.pi)
-LOG_PI = math.log(math.pi)
 # A target that gives returns gives this many at least (of fractional ones).
 FEWEST = 0.5
 
 
 class CellModel(NamedTuple):
-    """gate : squared distance. rate_known, spread_known : whether sources give as many returns, and as widely, as
-    configured. sweeps : of the association at most."""
+    """gate : squared distance. rate_known : whether sources give as many returns as configured. sweeps : of the
+    association at most."""
 
     gate: float
     rate_known: bool
-    spread_known: bool
     sweeps: int
 
 
@@ -69,7 +67,7 @@ class Kept(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """Returns z (n, 4), the sources with what follows from them (S, 25), log g_ik (n, S), and room to work in: what is
+    """Returns z (n, 4), the sources with what follows from them (S, 21), log g_ik (n, S), and room to work in: what is
     on (S,), terms of its likelihoods (S, 7), moments of what it gets (S, 9), and of one return (S,) who may have caused
     it, the log-likelihoods and the shares."""
 
@@ -86,7 +84,7 @@ class Problem(NamedTuple):
 
 @njit(cache=True)
 def posed(z: Any, sources: Any) -> Problem:
-    """The problem of returns (n, 4) and sources (S, 17)."""
+    """The problem of returns (n, 4) and sources (S, 13)."""
     S = len(sources)
     index, near = np.empty(S, np.int64), np.empty(S, np.int64)
     terms, total, logs, shares = np.empty((S, 7)), np.empty((S, CELL)), np.empty(S), np.empty(S)
@@ -96,7 +94,7 @@ def posed(z: Any, sources: Any) -> Problem:
 
 @njit(cache=True)
 def with_constants(sources: Any) -> Any:
-    """Sources (S, 25) with what follows from their first 17 columns."""
+    """Sources (S, 21) with what follows from their first 13 columns."""
     whole = np.empty((len(sources), QYY + 1))
     for k in range(len(sources)):
         s = whole[k]
@@ -111,7 +109,7 @@ def with_constants(sources: Any) -> Any:
 
 @njit(cache=True)
 def _look_ratios(z: Any, sources: Any) -> Any:
-    """log g_ik (n, S) of the returns z (n, 4) under the sources (S, 17)."""
+    """log g_ik (n, S) of the returns z (n, 4) under the sources (S, 13)."""
     ratios = np.zeros((len(z), len(sources)))
     for i in range(len(z)):
         ratio = math.exp(z[i, LOOK]) if z[i, LOOK] != 0.0 else 1.0
@@ -123,8 +121,8 @@ def _look_ratios(z: Any, sources: Any) -> Any:
 
 
 @njit(cache=True, inline="always")
-def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
-    """Log-likelihood of a cell of fractional count under a source (25,): rate, mean and scatter of the returns."""
+def log_cell(s: Any, c: Any, rate_known: bool) -> float:
+    """Log-likelihood of a cell of fractional count under a source (21,): rate, mean and scatter of the returns."""
     n = c[N]
     if rate_known:
         result = n * s[LOG_RATE] - s[ALPHA] / s[BETA]
@@ -136,15 +134,8 @@ def log_cell(s: Any, c: Any, rate_known: bool, spread_known: bool) -> float:
     x, y = c[ZX] - s[MX], c[ZY] - s[MY]
     square = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
     result += -0.5 * (square + math.log(determinant)) - LOG_TWO_PI
-    if spread_known:
-        trace = s[WXX] * c[SXX] + 2.0 * s[WXY] * c[SXY] + s[WYY] * c[SYY]
-        return result - 0.5 * ((n - 1.0) * (2.0 * LOG_TWO_PI + s[LOG_X]) + trace) - math.log(n)
-    before = s[VXX] * s[VYY] - s[VXY] ** 2
-    after = (s[VXX] + c[SXX]) * (s[VYY] + c[SYY]) - (s[VXY] + c[SXY]) ** 2
-    nu, new = s[NU], s[NU] + n - 1.0
-    result += math.lgamma(0.5 * new) + math.lgamma(0.5 * new - 0.5)
-    result -= math.lgamma(0.5 * nu) + math.lgamma(0.5 * nu - 0.5)
-    return result + 0.5 * (nu * math.log(before) - new * math.log(after)) - (n - 1.0) * LOG_PI - math.log(n)
+    trace = s[WXX] * c[SXX] + 2.0 * s[WXY] * c[SXY] + s[WYY] * c[SYY]
+    return result - 0.5 * ((n - 1.0) * (2.0 * LOG_TWO_PI + s[LOG_X]) + trace) - math.log(n)
 
 
 @njit(cache=True, inline="always")
@@ -152,14 +143,10 @@ def _weights_of(s: Any, c: Any, centre: Any, predictive: bool, model: CellModel,
     """Terms (7,) of a return's log-likelihood under a source: constant, precision xx, xy, yy, centre x, y, and the
     variance in x, which says at once of most returns that they are too far away."""
     out[4], out[5] = centre[0], centre[1]
-    if not predictive and model.spread_known:
+    if not predictive:
         out[0], out[1], out[2], out[3] = -0.5 * s[LOG_X], s[WXX], s[WXY], s[WYY]
     else:
-        if predictive:
-            xx, xy, yy = s[PXX] + s[XXX], s[PXY] + s[XXY], s[PYY] + s[XYY]
-        else:
-            freedom = max(s[NU] + c[N] - 1.0, 1.0)
-            xx, xy, yy = (s[VXX] + c[SXX]) / freedom, (s[VXY] + c[SXY]) / freedom, (s[VYY] + c[SYY]) / freedom
+        xx, xy, yy = s[PXX] + s[XXX], s[PXY] + s[XXY], s[PYY] + s[XYY]
         determinant = xx * yy - xy * xy
         out[0] = -0.5 * math.log(determinant)
         out[1], out[2], out[3] = yy / determinant, -xy / determinant, xx / determinant
@@ -295,7 +282,7 @@ def evaluate(problem: Problem, on: Any, cells: Any, centres: Any, started: Any, 
         elif cells[k, N] < FEWEST:
             return -np.inf
         else:
-            value += sources[k, ON] + log_cell(sources[k], cells[k], model.rate_known, model.spread_known)
+            value += sources[k, ON] + log_cell(sources[k], cells[k], model.rate_known)
     return value
 
 
@@ -415,7 +402,7 @@ def search(
 ) -> tuple[Any, Any, Any]:
     """The likeliest structures, best first: their log-weights (M,), what is on (M, S), and the cells (M, S, 9).
 
-    z (n, 4) : returns. sources (S, 17): `known` targets, then places for new ones, whose sweeps begin at `seeds`
+    z (n, 4) : returns. sources (S, 13): `known` targets, then places for new ones, whose sweeps begin at `seeds`
     (births, 2), then, two for each known target or none at all, targets that may have split off it. Structures are
     varied by one target at a time.
     """

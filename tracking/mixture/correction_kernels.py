@@ -35,7 +35,7 @@ class Exactness(NamedTuple):
 def correct(
     states: States, rows: Any, cells: Any, table: Any, shares: Any, returns: Exactness, correlation: float
 ) -> None:
-    """Corrects the `rows` (n,) of states, in place, by cells (n, 9) of sources (n, 17) seen by `shares` (n,)."""
+    """Corrects the `rows` (n,) of states, in place, by cells (n, 9) of sources (n, 13) seen by `shares` (n,)."""
     for t in range(len(rows)):
         row, n = rows[t], cells[t, N]
         # The mean of returns that lie to either side of the middle, as legs do, is nearer to it than by chance.

@@ -60,9 +60,6 @@ class PhdConfig:
     rate_spread: float = 0.0
     """mixture: relative standard deviation of γ over targets: 0 where every target has the configured rate, otherwise
     each one's own is learnt and used (0.5 for people in a laser scan, near and far)."""
-    spread_known: bool = True
-    """mixture: whether returns spread as configured (`measurement_noise`); otherwise each target's own extent is learnt
-    and used. Both are estimated and reported either way."""
     occlusion: bool = True
     """Whether targets hide each other, where `step` is told the pose of the sensor."""
     occluders: str = "bodies"
@@ -140,7 +137,7 @@ class PhdConfig:
             self._number(name, 0.0, 1.0, open_below=True)
         for name in ("hypothesis_margin", "hypothesis_distance"):
             self._number(name, 0.0, np.inf)
-        for name in ("spread_known", "occlusion", "subpartitions", "count_reassignments", "merge_targets"):
+        for name in ("occlusion", "subpartitions", "count_reassignments", "merge_targets"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 raise InputError(f"{name} must be true or false, not {getattr(self, name)!r}")
         for name in ("extraction_weight", "confirmation_weight", "gate_probability"):

@@ -64,7 +64,7 @@ class ReturnLooks:
 
 @dataclass
 class Seeds:
-    """Where new targets are looked for: places (B, 2), rows of sources, and their rows (B, 17) of the table."""
+    """Where new targets are looked for: places (B, 2), rows of sources, and their rows (B, 13) of the table."""
 
     places: FloatArray
     rows: list[int]
@@ -73,7 +73,7 @@ class Seeds:
 
 @dataclass
 class Predicted:
-    """All sources of returns: tracks, places for new targets, and what splits off tracks, with their table (S, 17)."""
+    """All sources of returns: tracks, places for new targets, and what splits off tracks, with their table (S, 13)."""
 
     sources: Components
     tracks: int
@@ -134,7 +134,7 @@ class PmbmRecursion:
         )
         # Probability that a target is of the first class, by label.
         self.classes: dict[int, float] = {}
-        self.model = kernels.CellModel(self.gate, config.rate_spread == 0.0, config.spread_known, SWEEPS)
+        self.model = kernels.CellModel(self.gate, config.rate_spread == 0.0, SWEEPS)
         self.repaired = 0
         self.thinned = 0
 
@@ -243,23 +243,17 @@ class PmbmRecursion:
         return Predicted(sources, len(tracks), len(unseen), table, seen, sight, distances < self.gate)
 
     def _table(self, sources: Components, sight: Sight, tracks: int) -> tuple[FloatArray, FloatArray]:
-        """Rows (S, 17) of `tracking.mixture.association_kernels`, and the probability (S,) of giving any return."""
+        """Rows (S, 13) of `tracking.mixture.association_kernels`, and the probability (S,) of giving any return."""
         config, count, share = self.config, len(sources), sight.share
         table = np.empty((count, kernels.COLUMNS))
-        P, freedom = sources.covariances, np.maximum(sources.freedom, 1e-6)
+        P = sources.covariances
         table[:, [kernels.MX, kernels.MY]] = sources.means[:, :2]
         table[:, [kernels.PXX, kernels.PXY, kernels.PYY]] = P.reshape(-1, 16)[:, [0, 1, 5]]
-        scatter = sources.spread.reshape(-1, 4)[:, [0, 1, 3]]
         noise = config.measurement_noise**2
-        known = np.array([noise, 0.0, noise])
-        table[:, [kernels.XXX, kernels.XXY, kernels.XYY]] = (
-            known if config.spread_known else scatter / freedom[:, None]
-        )
+        spread = np.array([noise, 0.0, noise])
+        table[:, [kernels.XXX, kernels.XXY, kernels.XYY]] = spread
         # The returns of a half-hidden target are not about its middle.
-        spread = table[:, [kernels.XXX, kernels.XXY, kernels.XYY]]
         table[:, [kernels.PXX, kernels.PXY, kernels.PYY]] += (1.0 - share)[:, None] * spread
-        table[:, [kernels.VXX, kernels.VXY, kernels.VYY]] = scatter
-        table[:, kernels.NU] = freedom + 3.0
         shape, rate = sources.counts.T
         # A gamma density scales by its rate parameter: what is hidden of a target gives no returns.
         rate = np.maximum(rate, 1e-9) / share

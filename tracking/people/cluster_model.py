@@ -8,6 +8,7 @@ leg or a trunk. Whether a target can be seen at all is read off the scan (`track
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -22,7 +23,6 @@ from tracking.mixture.occluders import WEIGHTS, seen_shares, unseen_states
 from tracking.mixture.phd_models import ConstantVelocityMotion, Sight
 from tracking.people.free_space import Background
 from tracking.people.legs import FEATURES, Clusters
-from tracking.people.people_middle import depths
 from tracking.people.people_shape import ShapeModel
 from tracking.people.people_sweep import Sweep
 
@@ -106,7 +106,7 @@ class ClusterScan:
     ) -> ClusterScan:
         """The measurements of a scan; beams of `moving` (N,) hit what moves."""
         inside = clusters.labels >= 0
-        fresh, old, unseen = background.evidence(sweep.points(inside), 0.05 + 0.02 * scan.ranges[inside])
+        fresh, old, unseen = background.evidence(sweep.points(inside), scan.ranges[inside])
         fresh = np.maximum(fresh, MOVING * moving[inside])
         names, counts = clusters.labels[inside], np.maximum(clusters.counts, 1)
         fresh = np.bincount(names, fresh, len(clusters)) / counts
@@ -126,8 +126,9 @@ class ClusterScan:
         log_births = np.logaddexp(persons, things)
         shape = model.evidence(clusters)[chosen]
         ranges = clusters.ranges[chosen]
-        behind = depths(clusters, free > 0.0, spacing)[chosen]
-        places = clusters.centres[chosen] * (1.0 + behind / np.maximum(ranges, 0.1))[:, None]
+        # Returns at equal steps across a round body lie π/4 of its radius before its middle, on average.
+        behind = math.pi / 4.0 * 0.5 * (clusters.widths + spacing)[chosen]
+        places = clusters.centres[chosen] * (1.0 + behind / np.maximum(ranges, 1e-9))[:, None]
         middles = (clusters.first[chosen] + clusters.last[chosen]) // 2
         return cls(
             sweep.placed(places, middles),

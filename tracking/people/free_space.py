@@ -17,6 +17,8 @@ from numba import njit
 from estimation.checks import FloatArray
 from tracking.people.people_sweep import Sweep
 
+NOBODY: FloatArray = np.zeros((0, 2))
+
 
 @dataclass(frozen=True)
 class GridTuning:
@@ -50,8 +52,19 @@ class Background:
         self._waiting.clear()
         self._last = None
 
-    def add(self, sweep: Sweep, stamp: float, ignore: npt.NDArray[np.bool_]) -> None:
-        """A scan; beams of `ignore` (N,) hit people: they only say what is empty before them."""
+    def add(
+        self,
+        sweep: Sweep,
+        stamp: float,
+        ignore: npt.NDArray[np.bool_],
+        people: FloatArray = NOBODY,
+        near: float = 0.0,
+    ) -> None:
+        """A scan; beams of `ignore` (N,) hit people: they only say what is empty before them.
+
+        people (T, 2) : where they are now. So do what waited meanwhile and ends less than `near` m from one: who
+        stands was there before it was known that he is somebody.
+        """
         hits = np.where(ignore | (sweep.ranges >= self.tuning.reach), 0.0, 1.0)
         ways = np.cos(sweep.angles), np.sin(sweep.angles)
         clear = np.minimum(sweep.clear, 2.0 * self.tuning.reach)
@@ -59,6 +72,9 @@ class Background:
         self._waiting.append((stamp, rays))
         while self._waiting and self._waiting[0][0] <= stamp - self.tuning.delay:
             then, old = self._waiting.popleft()
+            ends = old[:, :2] + old[:, 4:5] * old[:, 2:4]
+            gaps = np.linalg.norm(ends[:, None] - people[None], axis=2)
+            old[gaps.min(axis=1, initial=np.inf) < near, 5] = 0.0
             dt = 0.1 if self._last is None else min(max(then - self._last, 0.0), 1.0)
             self._last = then
             keep = math.exp(-dt / self.tuning.memory)
@@ -67,11 +83,12 @@ class Background:
             grid = self.counts, self.owner, self.seen
             _insert(*grid, self._scans, old, self.tuning.cell, self.tuning.reach, keep)
 
-    def evidence(self, points: FloatArray, slack: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def evidence(self, points: FloatArray, away: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """How surely each point (M, 2) lies where it was empty, where something stood, and where nobody has looked.
 
-        slack : (M,) metres, how well the place of a point is known. All (M,) in [0, 1].
+        away : (M,) metres from the scanner, the farther the less well a place is known. All (M,) in [0, 1].
         """
+        slack = 0.05 + 0.02 * away
         return _evidence(self.counts, self.owner, points, slack, self.tuning.cell)
 
 

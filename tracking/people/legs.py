@@ -34,15 +34,10 @@ FEATURES = (
     "jump_right",
     "jump_least",
     "jump_most",
-    "range",
-    "spacing",
     "partner_gap",
     "partner_width",
-    "crowd",
-    "other_gap",
 )
 FAR = 3.0  # metres, cap of jumps and gaps
-LONG = 0.8  # metres, width above which a cluster is a part of the surroundings
 
 
 @dataclass(frozen=True)
@@ -75,21 +70,18 @@ def clusters_of(
     join: float = 0.1,
     max_range: float = np.inf,
     ignore: npt.NDArray[np.bool_] | None = None,
-    parts: IntArray | None = None,
 ) -> Clusters:
     """Clusters of a scan: neighbouring returns less than `join` metres, or three beam spacings, apart.
 
     Up to two beams without a return do not end a cluster. Returns at `max_range` metres and beyond and beams of
-    `ignore` (N,) are left out. parts (N,) : beams of different numbers are never joined.
+    `ignore` (N,) are left out.
     """
     ranges = np.where(scan.valid, scan.ranges, np.inf)
     ranges[ranges >= max_range] = np.inf
     if ignore is not None:
         ranges[ignore] = np.inf
     bearings = scan.bearings
-    if parts is None:
-        parts = np.zeros(len(ranges), dtype=np.int64)
-    labels, count = _joined(ranges, abs(scan.angle_increment), join, parts)
+    labels, count = _joined(ranges, abs(scan.angle_increment), join)
     table = _features(ranges, bearings, labels, count, abs(scan.angle_increment))
     centres, counts, widths, ends, features = table
     _context(centres, widths, features)
@@ -97,7 +89,7 @@ def clusters_of(
 
 
 @njit(cache=True)
-def _joined(ranges, step, join, parts):  # type: ignore[no-untyped-def]
+def _joined(ranges, step, join):  # type: ignore[no-untyped-def]
     """Cluster number per beam (-1 without a return) and how many there are."""
     labels = np.full(len(ranges), -1, dtype=np.int64)
     count, last = 0, -1
@@ -105,7 +97,7 @@ def _joined(ranges, step, join, parts):  # type: ignore[no-untyped-def]
         if not math.isfinite(ranges[k]):
             continue
         new = True
-        if last >= 0 and k - last <= 3 and parts[k] == parts[last]:
+        if last >= 0 and k - last <= 3:
             angle = (k - last) * step
             a, b = ranges[last], ranges[k]
             gap = math.sqrt(max(a * a + b * b - 2.0 * a * b * math.cos(angle), 0.0))
@@ -139,7 +131,7 @@ def _features(ranges, bearings, labels, count, step):  # type: ignore[no-untyped
     counts = np.zeros(count, dtype=np.int64)
     widths = np.zeros(count)
     ends = np.zeros((count, 2), dtype=np.int64)
-    features = np.zeros((count, 20))
+    features = np.zeros((count, 16))
     beams = np.flatnonzero(labels >= 0)
     start = 0
     while start < len(beams):
@@ -157,8 +149,6 @@ def _features(ranges, bearings, labels, count, step):  # type: ignore[no-untyped
         centres[name, 0], centres[name, 1] = mx, my
         counts[name] = n
         ends[name, 0], ends[name, 1] = first, last
-        away = math.sqrt(mx * mx + my * my)
-        spacing = away * step
         width = math.hypot(x[n - 1] - x[0], y[n - 1] - y[0])
         widths[name] = width
         row = features[name]
@@ -171,8 +161,6 @@ def _features(ranges, bearings, labels, count, step):  # type: ignore[no-untyped
         row[10] = max(-FAR, min(FAR, left - ranges[first]))
         row[11] = max(-FAR, min(FAR, right - ranges[last]))
         row[12], row[13] = min(row[10], row[11]), max(row[10], row[11])
-        row[14] = away
-        row[15] = spacing
         start = stop
     return centres, counts, widths, ends, features
 
@@ -246,19 +234,13 @@ def _circle(x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _context(centres, widths, features):  # type: ignore[no-untyped-def]
-    """Fills in what is near: the closest other slim cluster, how many small ones, the closest long one."""
+    """Fills in what is near: the closest other slim cluster."""
     for k in range(len(widths)):
-        partner, partner_width, crowd, other = FAR, 0.0, 0, FAR
+        partner, partner_width = FAR, 0.0
         for j in range(len(widths)):
-            if j == k:
+            if j == k or widths[j] >= 0.45:
                 continue
             gap = math.hypot(centres[j, 0] - centres[k, 0], centres[j, 1] - centres[k, 1])
-            if widths[j] < 0.45:
-                if gap < 1.0:
-                    crowd += 1
-                if gap < partner:
-                    partner, partner_width = gap, widths[j]
-            else:
-                other = min(other, gap - 0.5 * widths[j])
-        row = features[k]
-        row[16], row[17], row[18], row[19] = partner, partner_width, crowd, other
+            if gap < partner:
+                partner, partner_width = gap, widths[j]
+        features[k, 14], features[k, 15] = partner, partner_width

@@ -6,7 +6,6 @@ Boosted trees over the features of `tracking.people.legs`; `evaluation/people/pe
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -15,7 +14,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.learning.gradient_boosting import GradientBoosting
-from tracking.people.legs import FEATURES, Clusters
+from tracking.people.legs import Clusters
 
 MODEL = "people_clusters.json"
 CARD = "people_clusters_card.json"
@@ -23,23 +22,20 @@ CARD = "people_clusters_card.json"
 
 @dataclass(frozen=True)
 class ShapeModel:
-    """Boosted trees over `columns` of the features, trained with as much weight on people as on everything else."""
+    """Boosted trees over the features of clusters, trained with as much weight on people as on everything else."""
 
     trees: GradientBoosting
-    columns: tuple[int, ...]
 
     def evidence(self, clusters: Clusters) -> FloatArray:
         """Log-likelihood ratio person : other of each cluster's shape, (K,)."""
         if not len(clusters):
             return np.zeros(0)
-        return self.trees.decision(clusters.features[:, self.columns])
+        return self.trees.decision(clusters.features)
 
 
 @cache
 def shape_model() -> ShapeModel:
     """The model of the package."""
     folder = resources.files("tracking.people") / "models"
-    card = json.loads((folder / CARD).read_text(encoding="utf-8"))
     with resources.as_file(folder / MODEL) as path:
-        trees = GradientBoosting.load(path)
-    return ShapeModel(trees, tuple(FEATURES.index(name) for name in card["features"]))
+        return ShapeModel(GradientBoosting.load(path))

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import expit
 
 from estimation.checks import FloatArray, as_finite, as_shape
 from estimation.conversion.uncertain_frame import state_through_uncertain_pose
@@ -33,14 +34,14 @@ from tracking.people.free_space import Background
 from tracking.people.identity import ReturningPeople
 from tracking.people.legs import clusters_of
 from tracking.people.people_config import PeopleConfig
-from tracking.people.people_middle import WIDE
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
 from tracking.people.person_class import SHORT, ClassEvidence, ClassModel, class_model, rows_of
 
 PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
-EXACTER = 4.0  # by which the variance of a trunk's place is smaller than that of a leg
+WIDE = 0.25  # m, a cluster wider than that is both legs or a trunk
+EXACTER = 4.0  # by which the variance of its place is smaller than that of a leg
 CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half of the time
 SPEED = 0.7  # m/s, deviation of a new target's velocity
 LINK = 0.9995  # quantile of the distance of two legs up to which they are searched together
@@ -205,7 +206,8 @@ class PeopleTracker:
         # What is followed as a target is no clutter, whatever its class.
         mine = np.zeros(len(seen.clusters) + 1, dtype=bool)
         mine[seen.index[self._of_targets(seen)]] = True
-        self.background.add(sweep, stamp, own | mine[seen.clusters.labels])
+        people = np.array([person.mean[:2] for person in self._people()]).reshape(-1, 2)
+        self.background.add(sweep, stamp, own | mine[seen.clusters.labels], people, BELONGS)
         self.health.potential = len(self.targets)
         self._name(found)
         return self._people()
@@ -343,11 +345,11 @@ class PeopleTracker:
             evidence.look(seen, rows, whose, target, pose, others, dt, stamp, posed)
         self.evidence = {label: item for label, item in self.evidence.items() if label in living}
         odds = self.classes.odds([self.evidence[target.label].features(target) for target in found])
-        for target, own in zip(found, _probabilities(odds), strict=True):
+        for target, own in zip(found, expit(odds).tolist(), strict=True):
             if self.evidence[target.label].looks > SHORT:
                 self.evidence[target.label].own = own
         odds += self._known_before(found)
-        people = _probabilities(odds)
+        people = expit(odds).tolist()
         self.recursion.classify({target.label: p for target, p in zip(found, people, strict=True)})
         self.targets = []
         for target, person in zip(found, people, strict=True):
@@ -394,11 +396,6 @@ class PeopleTracker:
 
     def _people(self) -> list[Person]:
         return [target for target in self.targets if target.person > self.config.report]
-
-
-def _probabilities(odds: FloatArray) -> list[float]:
-    """Of log-odds (T,)."""
-    return list((1.0 / (1.0 + np.exp(-np.clip(odds, -30.0, 30.0)))).tolist())
 
 
 def _moved(spots: FloatArray, shift: FloatArray) -> FloatArray:

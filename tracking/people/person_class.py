@@ -38,7 +38,6 @@ AVERAGED = (
     "fresh",
     "old",
     "around",
-    "range",
     "sway",
     "bulge",
     "radius",
@@ -154,7 +153,7 @@ class ClassEvidence:
         x, y = target.mean[:2].tolist()
         # Of two clusters the widths add up, and one that is cut cuts both.
         row[1], row[2], row[4] = not one, len(whose) * row[2], row[4] > 0.0
-        row[7], row[9] = around, math.hypot(px - x, py - y)
+        row[7], row[8] = around, math.hypot(px - x, py - y)
         shape, width, fresh, old = float(row[0]), float(row[2]), float(row[5]), float(row[6])
         whole = dt / (self.looks + dt)
         self.means += whole * (row - self.means)
@@ -255,12 +254,12 @@ class ClassEvidence:
 
 
 def rows_of(seen: ClusterScan) -> FloatArray:
-    """Each cluster of a scan by `AVERAGED`, (K, 17); what depends on whose it is, is 0."""
+    """Each cluster of a scan by `AVERAGED`, (K, 16); what depends on whose it is, is 0."""
     rows = np.zeros((len(seen.places), len(AVERAGED)))
     rows[:, 0], rows[:, 3] = np.clip(seen.shape, -4.0, 4.0), np.clip(seen.free, -1.0, 1.0)
     rows[:, 2], rows[:, 4] = seen.widths, seen.free < 0.0
-    rows[:, 5], rows[:, 6], rows[:, 8] = seen.fresh, seen.old, seen.ranges
-    rows[:, 10:] = seen.clusters.features[seen.index][:, _CLUSTER]
+    rows[:, 5], rows[:, 6] = seen.fresh, seen.old
+    rows[:, 9:] = seen.clusters.features[seen.index][:, _CLUSTER]
     return rows
 
 
@@ -270,10 +269,9 @@ def _deviation(variance: float) -> float:
 
 @dataclass(frozen=True)
 class ClassModel:
-    """Boosted trees over `columns` of `NAMES`; `scale` and `prior` make their log-odds those that were observed."""
+    """Boosted trees over `NAMES`; `scale` and `prior` make their log-odds those that were observed."""
 
     trees: GradientBoosting
-    columns: tuple[int, ...]
     scale: float
     prior: float
 
@@ -281,7 +279,7 @@ class ClassModel:
         """Log-odds (T,) that each target is a person, from its features (T, len(NAMES))."""
         if not features:
             return np.zeros(0)
-        return self.scale * self.trees.decision(np.array(features)[:, self.columns]) + self.prior
+        return self.scale * self.trees.decision(np.array(features)) + self.prior
 
 
 @cache
@@ -291,9 +289,4 @@ def class_model() -> ClassModel:
     card = json.loads((folder / CARD).read_text(encoding="utf-8"))
     with resources.as_file(folder / MODEL) as path:
         trees = GradientBoosting.load(path)
-    return ClassModel(
-        trees,
-        tuple(NAMES.index(name) for name in card["features"]),
-        float(card["scale"]),
-        float(card["prior"]),
-    )
+    return ClassModel(trees, float(card["scale"]), float(card["prior"]))

@@ -129,7 +129,7 @@ class PointsTracker:
         clusters = clusters_of(scan, self.config.join_distance, self.config.max_range)
         narrow = np.append(clusters.widths < WIDEST, False)[clusters.labels]
         points = sweep.points(narrow)
-        _, old, _ = self.background.evidence(points, 0.05 + 0.02 * scan.ranges[narrow])
+        _, old, _ = self.background.evidence(points, scan.ranges[narrow])
         free, names = points[old < STOOD], clusters.labels[narrow][old < STOOD]
         if not self._points or not len(free):
             return free
