@@ -40,7 +40,9 @@ def warm_up() -> None:
             kinds, size = {"class": {"a": 0.5, "b": 0.5}}, {"size": (NOISE, NOISE**2)}
             given = [ObjectEvidence(p, NOISE**2 * np.eye(3), kinds, quantities=size) for p in seen]
             # Where it was not: what a detection knows by name has moved there.
-            given += [ObjectEvidence((0.0, -1.9, 1.0), NOISE**2 * np.eye(3), kinds, "a-1")] * (step == LOOKS // 2)
+            given += [ObjectEvidence((0.0, -1.9, 1.0), NOISE**2 * np.eye(3), kinds, "a-1")] * (
+                step == LOOKS // 2
+            )
             measured = checked(WorldEvidence(given, SENSOR if step % 2 else None), NOISE)
             anchors.look(measured, NOISE * step, 0.0)
             anchors.beliefs.probabilities()
