@@ -28,7 +28,6 @@ FLOOR = np.array([0.02, 0.02, 0.002])  # m, m, rad: what bent local maps and the
 CORRELATED = 30.0  # neighbouring points share their error: so many count as one
 FREE = np.array([3.0, 3.0, 1.0])  # m, m, rad: of a direction the lines leave open
 LOOSEST = 0.12  # metres, standard deviation in the direction a placement says least about
-WAVERING = 0.03  # metres that iterations may go to and fro about a placement without coming to rest
 LEAST_AGREEING = 4.0  # metres of outline, of the lesser side
 LEAST_FITNESS = 0.9
 LEAST_OVERLAP = 0.35  # agreeing share of the source's outline, looked at or not
@@ -124,7 +123,7 @@ def _placement(refined: Refined, forth: Agreement, back: Agreement) -> Placement
     reason = ""
     if refined.open_directions:
         reason = f"{refined.open_directions} of 3 directions are unconstrained"
-    elif refined.wavering > WAVERING:
+    elif not refined.settled:
         reason = "the iterations did not settle"
     elif (loosest := float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))) > LOOSEST:
         reason = f"the position is uncertain by {loosest:.2f} m in one direction"
@@ -140,8 +139,6 @@ def _placement(refined: Refined, forth: Agreement, back: Agreement) -> Placement
 def _covariance(refined: Refined) -> FloatArray:
     information = refined.information / CORRELATED + np.diag(FREE**-2.0)
     covariance = np.linalg.inv(information) + np.diag(FLOOR**2)
-    if refined.wavering <= WAVERING:
-        covariance += refined.wavering**2 * np.diag([1.0, 1.0, 0.0])
     return np.asarray(0.5 * (covariance + covariance.T))
 
 

@@ -24,8 +24,6 @@ from registration.laser.target_lines import TargetLines
 TUKEY = 4.685  # 95 % efficiency at the normal distribution
 KERNEL = 0.012  # metres, noise the kernel narrows to
 LEAST_SPREAD = 0.002  # metres; residuals of a scan on itself are nothing, its noise is not
-TRAIL = 8  # iterations that tell whether one that never settles wavers about a place or slides
-SLIDE = 0.003  # metres between the means of the two halves of these from which on it slides
 FINEST = 0.15  # metres, correspondences are looked for at least this far
 ARM = 3.0  # metres, what a radian is worth in a room
 FLOOR = 4.0  # information (1/m²) below which a direction is open whatever the normals' noise
@@ -51,7 +49,6 @@ class Refined:
     matched: NDArray[np.int64]
     trust: FloatArray
     settled: bool
-    wavering: float = 0.0
 
 
 @njit(cache=True)
@@ -252,9 +249,8 @@ def _refine(  # type: ignore[no-untyped-def]
     information, step = np.zeros((3, 3)), np.zeros(3)
     finest_width = TUKEY * noise
     width = max(doubt, finest_width)
-    opened, settled, turns = 3, False, 0
+    opened, settled = 3, False
     moved = math.inf  # since the last matching
-    trail = np.full((TRAIL, 3), math.inf)
     spread = noise
     crowd, trust = np.zeros(len(target), np.int64), np.ones(len(points))
     for turns in range(most):
@@ -283,9 +279,6 @@ def _refine(  # type: ignore[no-untyped-def]
             pose[b] += step[b]
         change = abs(step[0]) + abs(step[1]) + arm * abs(step[2])
         moved += change
-        if final:
-            for b in range(3):
-                trail[turns % TRAIL, b] = pose[b] * (arm if b == 2 else 1.0)
         if final and change < 3e-4:
             settled = True
             break
@@ -293,7 +286,7 @@ def _refine(  # type: ignore[no-untyped-def]
             width = max(0.6 * width, finest_width)
     if opened == 1:
         _straighten(information, arm, target_normals, target_tilt, matched)
-    return pose, information, opened, spread, matched, trust, settled, turns, trail
+    return pose, information, opened, spread, matched, trust, settled
 
 
 def refine(
@@ -312,14 +305,13 @@ def refine(
     most : iterations.
     prior : pose (3,) that is expected, and its information (3, 3) in the units of `Refined.information`.
     """
-    pose, information, opened, spread, matched, trust, settled, turns, trail = _refine(
+    pose, information, opened, spread, matched, trust, settled = _refine(
         source.points, source.normals, source.tilt, source.spacing,
         target.points, target.normals, target.tilt, target.heads, target.following,
         source.signed and target.signed, guess, doubt, noise, most, *prior,
     )  # fmt: skip
     pose[2] = math.atan2(math.sin(pose[2]), math.cos(pose[2]))
-    wavering = 0.0 if settled else _wavering(np.roll(trail, -(turns + 1) % TRAIL, axis=0))
-    return Refined(pose, information, opened, spread, matched, trust, settled, wavering)
+    return Refined(pose, information, opened, spread, matched, trust, settled)
 
 
 @njit(cache=True)
@@ -359,13 +351,3 @@ def lead(source: Surface, target: TargetLines, refined: Refined, other: FloatArr
     ]  # fmt: skip
     points = max(int(np.count_nonzero(refined.matched >= 0)), 1)
     return float((costs[0] - costs[1]) / (refined.noise**2 * EFFICIENCY * points))
-
-
-def _wavering(trail: FloatArray) -> float:
-    """Metres that poses (TRAIL, 3), yaw in metres too, the latest last, go to and fro; inf where they move on."""
-    if not np.isfinite(trail).all():
-        return math.inf
-    half = TRAIL // 2
-    if np.abs(trail[:half].mean(axis=0) - trail[half:].mean(axis=0)).max() > SLIDE:
-        return math.inf
-    return float(np.ptp(trail, axis=0).max())
