@@ -18,7 +18,7 @@ from registration.laser.surface import Surface
 from registration.laser.target_lines import TargetLines
 from registration.placement.refine import TUKEY, Refined
 
-# Of use where walls are far and few: in a corridor without an end, over a building of many rooms.
+# Of use in a corridor without an end and over long drives.
 LIMIT = 0.06  # metres an offset can have
 PRIOR = 0.01  # metres, standard deviation of the offset before anything is seen
 FADING = 0.9995  # per keyframe: the offset follows the temperature

@@ -62,8 +62,8 @@ class Background:
     ) -> None:
         """A scan; beams of `ignore` (N,) hit people: they only say what is empty before them.
 
-        people (T, 2) : where they are now. So do what waited meanwhile and ends less than `near` m from one: who
-        stands was there before it was known that he is somebody.
+        people (T, 2) : m, where they are now. Beams that have waited and end less than `near` m from one of them are
+        taken for his: who stands was there before it was known that he is somebody.
         """
         hits = np.where(ignore | (sweep.ranges >= self.tuning.reach), 0.0, 1.0)
         ways = np.cos(sweep.angles), np.sin(sweep.angles)
