@@ -59,7 +59,7 @@ LIBRARIES := estimation registration loop_closure tracking world_model
 COVER := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -q --cov-branch --cov-report= $(LIBRARIES:%=--cov=%) $(LIBRARIES:%=test/%)
 coverage: setup-test
 	$(COVER)
-	-NUMBA_DISABLE_JIT=1 $(COVER) --cov-append --tb=no -r N --timeout=10 -o timeout_func_only=true
+	-NUMBA_DISABLE_JIT=1 $(COVER) --cov-append --tb=no -r N -p bench.cut_off --timeout=0
 	@for part in $(LIBRARIES); do printf '%-14s %s %%\n' $$part $$($(BIN)/coverage report --include="$$part/*" --format=total); done \
 		| tee bench/coverage.txt
 
