@@ -201,24 +201,22 @@ class MotionPredictorNode(SuiteNode):
         seen = points @ robot[:3, :3].T + robot[:3, 3]
         return cloud_message(Header(stamp=time_message(at), frame_id=base), seen)
 
-    def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+    def _reset(self, request: Reset.Request, response: Reset.Response) -> str:
         self._restart()
         return super()._reset(request, response)
 
-    def _save(self, request: SaveState.Request, response: SaveState.Response) -> SaveState.Response:
+    def _save(self, request: SaveState.Request, response: SaveState.Response) -> str:
         path = self._path(request, making=True)
         keep_foreign(path, is_saved_model, "a saved intention model")
         response.path = str(self._model.save(path, self.settings.map_id))
-        response.code, response.message = response.SUCCESS, f"{self._learned()} saved"
-        return response
+        return f"{self._learned()} saved"
 
     def _learned(self) -> str:
         return counted(self._model.learned, "trajectory", "trajectories")
 
-    def _load(self, request: LoadState.Request, response: LoadState.Response) -> LoadState.Response:
+    def _load(self, request: LoadState.Request, _: LoadState.Response) -> str:
         self._adopt(self._path(request))
-        response.code, response.message = response.SUCCESS, f"{self._learned()} loaded"
-        return response
+        return f"{self._learned()} loaded"
 
     def _path(self, request: Any, making: bool = False) -> Path:
         files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.errors import InputError
 from whereabouts.nodes.messages.markers import colour, marker, point
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
@@ -135,12 +136,7 @@ class ObjectSearchNode(SuiteNode):
         wanted = request.class_name or request.object_id.rpartition("-")[0] or request.object_id
         result = FindObject.Result()
         if not wanted:
-            handle.abort()
-            result.code, result.message = (
-                result.REFUSED,
-                "class_name and object_id are both empty: name what to look for",
-            )
-            return result
+            raise InputError("class_name and object_id are both empty: name what to look for")
         errand = is_errand(self, handle)
         if errand and (first := self._goes_first()):
             handle.abort()

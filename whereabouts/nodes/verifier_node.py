@@ -12,8 +12,6 @@ import numpy as np
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from sensor_msgs.msg import LaserScan, PointCloud2
 
-from estimation.errors import InputError
-from estimation.geometry.frame_tree import TransformError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.poses import transform_points
 from whereabouts.messages.decode import cloud_colors
@@ -89,13 +87,7 @@ class VerifierNode(SuiteNode):
 
     async def _serve(self, handle: Any) -> Any:
         request, result = handle.request, VerifyObject.Result()
-        try:
-            box = self._box(request)
-        except (InputError, TransformError) as error:
-            handle.abort()
-            result.code, result.message = result.REFUSED, str(error)
-            return result
-        settings = self.settings
+        box, settings = self._box(request), self.settings
         verification = Verification(
             box, settings.frames, settings.points, CLEAR, self._grid, WIDEST, _appearance(request)
         )
@@ -130,9 +122,7 @@ class VerifierNode(SuiteNode):
             return
         said = outcome or verification.outcome()
         self._answers[said] += 1
-        result.code = {"found": result.FOUND, "occluded": result.OCCLUDED, "not_found": result.NOT_FOUND}[
-            said
-        ]
+        result.code = getattr(result, said.upper())
         share = f"{verification.visible:.0%} of the region seen in {counted(verification.frames, 'frame')}"
         result.message = f"{request.object_id or request.class_name}: {said.replace('_', ' ')}, {share}"
         if said == FOUND:

@@ -137,9 +137,7 @@ class WorldMaintenanceNode(SuiteNode):
         ):
             self._finish(self._task, "occluded")
 
-    def _trigger(
-        self, request: TriggerVerification.Request, response: TriggerVerification.Response
-    ) -> TriggerVerification.Response:
+    def _trigger(self, request: TriggerVerification.Request, response: TriggerVerification.Response) -> str:
         name = request.object_id
         state = self._state
         known = () if state is None else state.objects
@@ -158,8 +156,7 @@ class WorldMaintenanceNode(SuiteNode):
         response.merged = not self._maintenance.trigger(name, request.requester or "a task")
         response.object_id = name
         words = next(named(item) for item in known if item.id == name)
-        response.code, response.message = response.SUCCESS, f"{words} is next to be observed"
-        return response
+        return f"{words} is next to be observed"
 
     # Decisions.
 

@@ -70,13 +70,11 @@ class MapEditing:
             raise InputError(f"clicked_point in frame {frame!r}: {self._frame!r} expected")
         self._clicked = np.array([message.point.x, message.point.y])
 
-    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _pause(self, request: SetBool.Request, _: SetBool.Response) -> str:
         self.paused = bool(request.data)
-        response.success = True
-        response.message = "scans are left out of the map" if self.paused else "scans are added to the map"
-        return response
+        return "scans are left out of the map" if self.paused else "scans are added to the map"
 
-    def _remove(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _remove(self, _request: Trigger.Request, _: Trigger.Response) -> str:
         """Take out the closure at the clicked point, or the last one; each click counts once."""
         if not self._mapping.extends:
             raise InputError("a map in which the robot is only localised is not changed")
@@ -89,13 +87,12 @@ class MapEditing:
         count = slam.remove_closure(edge)
         self._mapping.map_edited(before)
         left = sum(item.closure for item in slam.graph.edges)
-        response.success = True
-        response.message = (
+        done = (
             f"the revisit at ({at[0]:.1f}, {at[1]:.1f}) of scans at {first:.1f} s and {second:.1f} s: "
             f"{counted(count, 'closure')} taken out, {counted(left, 'is', 'are')} left"
         )
-        self._node.get_logger().info(response.message)
-        return response
+        self._node.get_logger().info(done)
+        return done
 
     def _meant(self, slam: Slam, point: NDArray[np.float64] | None) -> Edge:
         """The closure that a person means by a point; without one the newest."""
@@ -113,6 +110,5 @@ class MapEditing:
             )
         return edge
 
-    def _get(self, request: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
+    def _get(self, _: GetMap.Request, response: GetMap.Response) -> None:
         response.map = self._mapping.map_now()
-        return response

@@ -37,13 +37,9 @@ class MapFiles:
         if len(self._map.slam.keyframes) and self._map.localizer is None and self._map.earlier is None:
             self._write(Path(self._node.settings.map_file))
 
-    def _save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
+    def _save(self, request: SaveMap.Request, response: SaveMap.Response) -> str:
         response.path = str(self.save_map(self.named(request.path, making=True)))
-        response.code, response.message = (
-            SaveMap.Response.SUCCESS,
-            f"{counted(len(self._map.slam.keyframes), 'keyframe')} written",
-        )
-        return response
+        return f"{counted(len(self._map.slam.keyframes), 'keyframe')} written"
 
     def save_map(self, stem: Path) -> Path:
         """Write the map's files. Raises InputError where there is no map, or a file is foreign."""
@@ -70,7 +66,7 @@ class MapFiles:
             write_map(self._map.slam, file)
         return target
 
-    def _load(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
+    def _load(self, request: LoadMap.Request, _: LoadMap.Response) -> str:
         path = self.named(request.path)
         initial: Array | None = None
         frame = frame_name(request.initial_pose.header.frame_id)
@@ -81,8 +77,7 @@ class MapFiles:
                 )
             initial = pose_from_message(request.initial_pose.pose)[PLANAR]
         count = self._map.begin_with(path.with_name(path.name + ".npz"), request.localization_only, initial)
-        response.code, response.message = LoadMap.Response.SUCCESS, f"{counted(count, 'keyframe')} read"
-        return response
+        return f"{counted(count, 'keyframe')} read"
 
     def named(self, name: str, making: bool = False) -> Path:
         """Stem of the files that a request names. Raises InputError for what requests may not name."""

@@ -143,7 +143,10 @@ class SuiteNode(LifecycleNode):
     def add_action(
         self, action_type: type, name: str, execute: Callable[[Any], Coroutine[Any, Any, Any]]
     ) -> ActionServer:
-        """Serve an action by a coroutine; goals are refused while the node is inactive, cancels always accepted."""
+        """Serve an action by a coroutine; goals are refused while the node is inactive, cancels always accepted.
+
+        A `WhereaboutsError` in it becomes a result that says so, with the code REFUSED.
+        """
         server = guarded_action(self, action_type, name, execute)
         self._created.append((lambda item: item.destroy(), server))
         return server
@@ -193,8 +196,12 @@ class SuiteNode(LifecycleNode):
         timer = self.create_timer(period, tick)
         self._created.append((self.destroy_timer, timer))
 
-    def add_service(self, service_type: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
-        """Offer a service; a `WhereaboutsError` in it becomes a refusal with its sentence, any other a failure."""
+    def add_service(self, service_type: type, name: str, callback: Callable[[Any, Any], str | None]) -> None:
+        """Offer a service.
+
+        callback : fills a response, and returns what was done in a sentence where the response has a place for that. A
+        `WhereaboutsError` in it becomes a refusal with its sentence, any other exception a failure.
+        """
         service = self.create_service(service_type, name, guarded_answer(self, service_type, name, callback))
         self._created.append((self.destroy_service, service))
 
@@ -307,12 +314,11 @@ class SuiteNode(LifecycleNode):
         self.turns.clear()
         self.transforms = TransformBuffer()
 
-    def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+    def _reset(self, request: Reset.Request, response: Reset.Response) -> str:
         self._end_run(f"reset: {request.reason or 'it was asked for'}")
         self.time.begin()
         self.start_run()
-        response.code, response.message = Reset.Response.SUCCESS, "started afresh"
-        return response
+        return "started afresh"
 
     def _keep_house(self) -> None:
         """All that is due now and then, in one timer: each wakes the node up."""
