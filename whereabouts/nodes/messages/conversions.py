@@ -115,9 +115,9 @@ def fill_pose(pose: Any, value: Array) -> None:
 
 
 def spatial(planar: Array) -> Array:
-    """(3,) x, y, yaw as (6,)."""
-    pose = np.zeros(6)
-    pose[PLANAR] = planar
+    """(..., 3) x, y, yaw as (..., 6)."""
+    pose = np.zeros((*planar.shape[:-1], 6))
+    pose[..., PLANAR] = planar
     return pose
 
 

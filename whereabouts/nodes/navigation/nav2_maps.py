@@ -7,23 +7,24 @@ from __future__ import annotations
 
 from contextlib import suppress
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 from nav_msgs.srv import GetMap
 from std_srvs.srv import Empty
 
 from estimation.errors import InputError
-from whereabouts.nodes.mapping.map_editing import Mapping
 from whereabouts.nodes.mapping.map_files import MapFiles
-from whereabouts.nodes.ros.base import SuiteNode
+
+if TYPE_CHECKING:
+    from whereabouts.nodes.loop_closure_node import LoopClosureNode
 
 
 class Nav2Maps:
     """nav2's services of a map; files are named as in the node's own services, and as safe."""
 
-    def __init__(self, node: SuiteNode, mapping: Mapping, files: MapFiles) -> None:
-        self._node, self._mapping, self._files = node, mapping, files
+    def __init__(self, node: LoopClosureNode, files: MapFiles) -> None:
+        self._node, self._files = node, files
         node.add_service(GetMap, "map_server/map", self._get)
         node.add_service(Empty, "reinitialize_global_localization", self._look)
         try:
@@ -41,10 +42,10 @@ class Nav2Maps:
             node.add_service(kind, name, answer)
 
     def _get(self, _: GetMap.Request, response: GetMap.Response) -> None:
-        response.map = self._mapping.map_now()
+        response.map = self._node.map_now()
 
     def _look(self, _request: Empty.Request, _: Empty.Response) -> None:
-        self._mapping.look_anew()
+        self._node.look_anew()
 
     def _save(self, request: Any, response: Any) -> None:
         topics = [self._node.resolve_topic_name(name) for name in (request.map_topic or "map", "map")]
@@ -85,7 +86,7 @@ class Nav2Maps:
             return
         response.result = response.RESULT_SUCCESS
         with suppress(InputError):  # there is no image of clouds
-            response.map = self._mapping.map_now()
+            response.map = self._node.map_now()
 
     def _complain(self, problem: str) -> None:
         self._node.complain(f"service map_server/load_map: {problem}", key=("load_map", problem))
