@@ -27,8 +27,7 @@ from whereabouts.nodes.messages.world_messages import object_message
 from whereabouts.nodes.messages.world_reading import LatestState, grid_from_message, planar_pose, pose_stamped
 from whereabouts.nodes.navigation.base_claim import BaseClaim
 from whereabouts.nodes.navigation.errands import is_errand
-from whereabouts.nodes.navigation.goals import PATIENCE, SAME, Approach
-from whereabouts.nodes.navigation.nav2 import figures_of, navigator_of
+from whereabouts.nodes.navigation.goals import PATIENCE, SAME, Approach, Navigator
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.qos import HEARD_LATCHED, LATCHED
@@ -89,7 +88,8 @@ class ObjectSearchNode(SuiteNode):
         self._goal_output = self.add_output(PoseStamped, "search_goal", LATCHED)
         self._base_claim = BaseClaim(self)
         self._markers_output = self.add_output(MarkerArray, "search_markers")
-        self._navigator = navigator_of(self, settings.navigate)
+        self._navigator = Navigator(self, settings.navigate)
+        self.goes_with(self._navigator.close)
         self.add_action(FindObject, "find_object", self._find)
 
     def start_run(self) -> None:
@@ -108,7 +108,7 @@ class ObjectSearchNode(SuiteNode):
     def health(self) -> Health:
         figures: dict[str, object] = {"found": self._found, "not found": self._failed, "goals": self._steps}
         figures["known names"] = len(self._relations.names)
-        figures |= figures_of(self._navigator)
+        figures |= self._navigator.figures
         if self._searching:
             return Health(f"looking for {self._searching}: {self._reason}", figures=figures)
         return Health("idle", figures=figures)
@@ -155,8 +155,7 @@ class ObjectSearchNode(SuiteNode):
         finally:
             if serial == self._serial:
                 self._searching = ""
-                if self._navigator is not None:
-                    self._navigator.stop()
+                self._navigator.stop()
                 self._base_claim.give_back()
         self._found += result.code == result.FOUND
         self._failed += result.code in (result.NOT_FOUND, result.GAVE_UP)
@@ -225,7 +224,8 @@ class ObjectSearchNode(SuiteNode):
                 return self._search.next_goal(self._observed(pose), wanted, pose)
             self._arrived = None
             if self._gone_wrong(step.goal):
-                self.complain(f"a goal is out of reach: {self._why()}. It was: {step.reason}", key="goal")
+                why = self._navigator.reason
+                self.complain(f"a goal is out of reach: {why}. It was: {step.reason}", key="goal")
                 self._search.reached(step.goal)
             elif self._state is not None and self._approach.stuck(step.goal, away, self._state.stamp):
                 self.complain(f"a goal was not reached. The next one: {step.reason}", key="goal")
@@ -237,17 +237,14 @@ class ObjectSearchNode(SuiteNode):
         lost, self._out_of_reach = self._out_of_reach, None
         return lost is not None and float(np.hypot(*(lost - goal))) < 1e-6
 
-    def _why(self) -> str:
-        return "" if self._navigator is None else self._navigator.reason
-
     def _send(self, goal: PoseStamped, place: Array) -> None:
         """Have nav2 drive to a goal at `place` (2,), if it is to."""
 
         def failed() -> None:
             self._out_of_reach = place
 
-        if self._navigator is not None and not self._navigator.go(goal, failed):
-            self.complain(self._why(), key="nav2")
+        if not self._navigator.go(goal, failed):
+            self.complain(self._navigator.reason, key="nav2")
 
     def _expected(self, request: Any, wanted: str) -> dict[str, float]:
         """Where what is asked for probably is by now, if it is lost or has probably moved on since it was seen."""

@@ -33,7 +33,7 @@ from whereabouts.nodes.messages.world_reading import (
     pose_stamped,
 )
 from whereabouts.nodes.navigation.errands import Errands
-from whereabouts.nodes.navigation.nav2 import figures_of, navigator_of
+from whereabouts.nodes.navigation.goals import Navigator
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.qos import HEARD_LATCHED, LATCHED
@@ -83,7 +83,8 @@ class WorldMaintenanceNode(SuiteNode):
         self.add_service(TriggerVerification, "~/trigger", self._trigger)
         self._verifier = self.add_caller(VerifyObject, "verify_object")
         self._finder = Errands(self, self._settle) if settings.search_for_lost else None
-        self._navigator = navigator_of(self, settings.navigate)
+        self._navigator = Navigator(self, settings.navigate)
+        self.goes_with(self._navigator.close)
         self.add_timer(1.0 / settings.rate, self._tick)
 
     def start_run(self) -> None:
@@ -104,7 +105,7 @@ class WorldMaintenanceNode(SuiteNode):
         figures: dict[str, object] = {"tasks": self._tasks, **self._outcomes}
         figures["triggers waiting"] = len(self._maintenance.queue)
         figures["searches asked for"] = 0 if self._finder is None else self._finder.sent
-        figures |= figures_of(self._navigator)
+        figures |= self._navigator.figures
         if self._finder is not None and self._finder.busy:
             return Health(self._finder.said, figures=figures)
         if self._task is not None:
@@ -211,15 +212,14 @@ class WorldMaintenanceNode(SuiteNode):
         self._task_output.publish(message)
         if task.distance > 0.0:
             self._goal_output.publish(goal)
-            navigator = self._navigator
-            if navigator is not None and not navigator.go(goal, lambda: self._unreachable(task)):
-                self.complain(navigator.reason, key="nav2")
+            if not self._navigator.go(goal, lambda: self._unreachable(task)):
+                self.complain(self._navigator.reason, key="nav2")
 
     def _unreachable(self, task: VerificationTask) -> None:
         """nav2 cannot get there: another task, this one from another side later."""
         if self._task is task and not self._verifying:
-            reason = self._navigator.reason if self._navigator else ""
-            self.complain(f"{task.object_id}: the goal cannot be reached: {reason}", key="goal")
+            why = self._navigator.reason
+            self.complain(f"{task.object_id}: the goal cannot be reached: {why}", key="goal")
             self._finish(task, "occluded")
 
     def _attributes(self, task: VerificationTask) -> list[Attribute]:
@@ -322,8 +322,7 @@ class WorldMaintenanceNode(SuiteNode):
         self._outcomes[outcome] += 1
         self._maintenance.report(task, outcome, self._now())
         self._task = None
-        if self._navigator is not None:
-            self._navigator.stop()
+        self._navigator.stop()
 
     # Helpers.
 
