@@ -89,7 +89,7 @@ class ObjectSearchNode(SuiteNode):
         self._base_claim = BaseClaim(self)
         self._markers_output = self.add_output(MarkerArray, "search_markers")
         self._navigator = Navigator(self, settings.navigate)
-        self.goes_with(self._navigator.close)
+        self.created.callback(self._navigator.close)
         self.add_action(FindObject, "find_object", self._find)
 
     def start_run(self) -> None:

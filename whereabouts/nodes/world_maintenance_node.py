@@ -84,7 +84,7 @@ class WorldMaintenanceNode(SuiteNode):
         self._verifier = self.add_caller(VerifyObject, "verify_object")
         self._finder = Errands(self, self._settle) if settings.search_for_lost else None
         self._navigator = Navigator(self, settings.navigate)
-        self.goes_with(self._navigator.close)
+        self.created.callback(self._navigator.close)
         self.add_timer(1.0 / settings.rate, self._tick)
 
     def start_run(self) -> None:
