@@ -9,6 +9,7 @@ verifier measured). Service: `~/trigger`. Calls: action `verify_object`; if told
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,16 +17,16 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
-from rclpy.duration import Duration
 from std_msgs.msg import Bool, Header
 
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from whereabouts.nodes.messages.packed import Packed
-from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS, duration_message, time_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.messages.world_reading import (
     LatestState,
+    attribute_messages,
     box_region,
     distribution_message,
     grid_from_message,
@@ -40,7 +41,7 @@ from whereabouts.nodes.ros.qos import HEARD_LATCHED, LATCHED
 from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
 from whereabouts.recorded.evidence_messages import NOT_FOUND
 from whereabouts_msgs.action import VerifyObject
-from whereabouts_msgs.msg import Attribute, GaussianDistribution, ObjectEvidence, WorldEvidence
+from whereabouts_msgs.msg import ObjectEvidence, WorldEvidence
 from whereabouts_msgs.msg import VerificationTask as TaskMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from whereabouts_msgs.srv import TriggerVerification
@@ -74,7 +75,7 @@ class WorldMaintenanceNode(SuiteNode):
         states = self.add_input(
             StateMessage, "world_state", self._take_state, packed=True, in_turn=True, qos=HEARD_LATCHED
         )
-        self._latest = LatestState(states.refuse, self._observe)
+        self._latest = LatestState(states.refuse, lambda state: self._growth.observe(state))
         self.add_latched_input(GridMessage, "map", self._take_map)
         self.add_latched_input(Bool, "base_available", self._take_available, in_turn=True)
         self._task_output = self.add_output(TaskMessage, "verification_tasks")
@@ -82,7 +83,9 @@ class WorldMaintenanceNode(SuiteNode):
         self._evidence_output = self.add_output(WorldEvidence, "evidence")
         self.add_service(TriggerVerification, "~/trigger", self._trigger)
         self._verifier = self.add_caller(VerifyObject, "verify_object")
-        self._finder = Errands(self, self._settle) if settings.search_for_lost else None
+        self._finder = (
+            Errands(self, partial(self.complain, key="search")) if settings.search_for_lost else None
+        )
         self._navigator = Navigator(self, settings.navigate)
         self.created.callback(self._navigator.close)
         self.add_timer(1.0 / settings.rate, self._tick)
@@ -121,9 +124,6 @@ class WorldMaintenanceNode(SuiteNode):
     def _state(self) -> WorldState | None:
         """The newest world state; reading it takes longer than anything else here."""
         return self._latest.state
-
-    def _observe(self, state: WorldState) -> None:
-        self._growth.observe(state)
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
         self._grid = grid_from_message(message)
@@ -206,7 +206,7 @@ class WorldMaintenanceNode(SuiteNode):
             header=header, object_id=task.object_id, region=box_region(task.region[0], task.region[1] + BODY),
             goal=goal, sensor=task.sensor, gain=task.gain, utility=task.utility, reason=task.reason,
             class_distribution=distribution_message(task.attributes.get("class", {})),
-            attributes=self._attributes(task),
+            attributes=attribute_messages(task.attributes, task.quantities),
             trigger=TaskMessage.TRIGGER_TASK if task.trigger else TaskMessage.TRIGGER_UNCERTAINTY,
         )  # fmt: skip
         self._task_output.publish(message)
@@ -222,17 +222,6 @@ class WorldMaintenanceNode(SuiteNode):
             self.complain(f"{task.object_id}: the goal cannot be reached: {why}", key="goal")
             self._finish(task, "occluded")
 
-    def _attributes(self, task: VerificationTask) -> list[Attribute]:
-        named = [
-            Attribute(name=name, discrete=distribution_message(values))
-            for name, values in task.attributes.items()
-            if name != "class"
-        ]
-        return named + [
-            Attribute(name=name, continuous=GaussianDistribution(mean=[mean], covariance=[variance]))
-            for name, (mean, variance) in task.quantities.items()
-        ]
-
     # Verification.
 
     def _verify(self, task: VerificationTask) -> None:
@@ -244,8 +233,9 @@ class WorldMaintenanceNode(SuiteNode):
             return
         goal = VerifyObject.Goal(
             header=self._header(), object_id=task.object_id, class_name=task.class_name, sensor=task.sensor,
-            region=box_region(task.region[0], task.region[1] + BODY), attributes=self._attributes(task),
-            timeout=Duration(seconds=self.settings.verify_timeout).to_msg(),
+            region=box_region(task.region[0], task.region[1] + BODY),
+            attributes=attribute_messages(task.attributes, task.quantities),
+            timeout=duration_message(self.settings.verify_timeout),
         )  # fmt: skip
         self._verifying, self._asked = True, (self._now(), time.monotonic())
         self._verifier.send(goal, lambda answer: self._verified(task, answer))
@@ -313,10 +303,6 @@ class WorldMaintenanceNode(SuiteNode):
     def _search_goes_first(self, state: WorldState) -> bool:
         """Whether something lost is searched for, or waits until it can be."""
         return self._finder is not None and self._finder.look(state, self._available, self._now())
-
-    def _settle(self, text: str) -> None:
-        """A search cannot be had, or has ended otherwise than wanted."""
-        self.complain(text, key="search")
 
     def _finish(self, task: VerificationTask, outcome: str) -> None:
         self._outcomes[outcome] += 1
