@@ -40,7 +40,7 @@ from whereabouts.nodes.messages.conversions import (
 )
 from whereabouts.nodes.messages.map_messages import closure_message
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.transforms import check_frame
 from whereabouts.nodes.navigation.nav2_maps import Nav2Maps
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
@@ -215,10 +215,8 @@ class LoopClosureNode(SuiteNode):
             )
 
     def _take_initial_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
-        if frame_name(message.header.frame_id) not in ("", frame_name(self.settings.map_frame)):
-            raise InputError(
-                f"initialpose in frame {message.header.frame_id!r}: {self.settings.map_frame!r} expected"
-            )
+        map_frame = self.settings.map_frame
+        check_frame("initialpose", message.header.frame_id or map_frame, map_frame)
         if self._map.localizer is None:
             self.complain("initialpose is ignored: this run builds the map, so the pose is known")
             return

@@ -19,7 +19,7 @@ from loop_closure.graph.pose_graph import Edge
 from loop_closure.motions import positions
 from loop_closure.slam.editing import nearest_closure
 from loop_closure.slam.trajectory import Slam
-from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.transforms import check_frame
 from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class MapEditing:
     """
 
     def __init__(self, node: LoopClosureNode) -> None:
-        self._node, self._frame = node, frame_name(node.settings.map_frame)
+        self._node = node
         self.paused = False
         self._clicked: NDArray[np.float64] | None = None
         # A person, not a sensor: its stamp says nothing about the run.
@@ -45,9 +45,7 @@ class MapEditing:
         node.add_service(GetMap, "~/dynamic_map", self._get)
 
     def _take_point(self, message: PointStamped, stamp: int) -> None:
-        frame = frame_name(message.header.frame_id)
-        if frame != self._frame:
-            raise InputError(f"clicked_point in frame {frame!r}: {self._frame!r} expected")
+        check_frame("clicked_point", message.header.frame_id, self._node.settings.map_frame)
         self._clicked = np.array([message.point.x, message.point.y])
 
     def _pause(self, request: SetBool.Request, _: SetBool.Response) -> str:

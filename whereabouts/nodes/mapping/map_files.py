@@ -13,7 +13,7 @@ from estimation.geometry.grid import is_grid_file
 from loop_closure.maps.map_file import is_map, write_map
 from whereabouts.nodes.mapping.map_in_use import MapInUse
 from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
-from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.transforms import check_frame
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.system.atomic import atomic_path
 from whereabouts.system.counting import counted
@@ -47,10 +47,9 @@ class MapFiles:
             raise InputError("there is no map yet")
         return self._write(stem)
 
-    def load_map(self, stem: Path) -> int:
-        """Take a saved map, as at the start; returns how many keyframes it has. Raises InputError."""
-        path = stem.with_name(f"{stem.name}.npz")
-        return self._map.begin_with(path, self._node.settings.localization_only, None)
+    def load_map(self, stem: Path, localization_only: bool, initial: Array | None = None) -> int:
+        """Take a saved map, see `MapInUse.begin_with`; returns how many keyframes it has. Raises InputError."""
+        return self._map.begin_with(stem.with_name(f"{stem.name}.npz"), localization_only, initial)
 
     def _write(self, stem: Path) -> Path:
         """Each file appears whole; what is there already stays until then."""
@@ -67,16 +66,12 @@ class MapFiles:
         return target
 
     def _load(self, request: LoadMap.Request, _: LoadMap.Response) -> str:
-        path = self.named(request.path)
         initial: Array | None = None
-        frame = frame_name(request.initial_pose.header.frame_id)
+        frame = request.initial_pose.header.frame_id
         if frame:
-            if frame != frame_name(self._node.settings.map_frame):
-                raise InputError(
-                    f"initial_pose in frame {frame!r}: {self._node.settings.map_frame!r} expected"
-                )
+            check_frame("initial_pose", frame, self._node.settings.map_frame)
             initial = pose_from_message(request.initial_pose.pose)[PLANAR]
-        count = self._map.begin_with(path.with_name(path.name + ".npz"), request.localization_only, initial)
+        count = self.load_map(self.named(request.path), request.localization_only, initial)
         return f"{counted(count, 'keyframe')} read"
 
     def named(self, name: str, making: bool = False) -> Path:

@@ -79,7 +79,7 @@ class Nav2Maps:
             self._complain(f"{graph} is missing{beside}")
             return
         try:
-            self._files.load_map(stem)
+            self._files.load_map(stem, self._node.settings.localization_only)
         except InputError as error:
             response.result = response.RESULT_INVALID_MAP_DATA
             self._complain(str(error))
