@@ -253,11 +253,6 @@ class SuiteNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._parameter_set.freeze(True)
-        done = self._configure(state)
-        self._parameter_set.freeze(done == TransitionCallbackReturn.SUCCESS)
-        return done
-
-    def _configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         try:
             self.setup()
             self.add_service(Reset, "~/reset", self._reset)
@@ -265,13 +260,13 @@ class SuiteNode(LifecycleNode):
                 topic = turn_topic(self.get_fully_qualified_name())
                 self.add_input(Empty, topic, self.turns.take, sensor=False, qos=QoSProfile(depth=10))
             self.start_run()
-        except WhereaboutsError as error:
-            self.get_logger().error(f"cannot configure: {error}")
-            self._destroy_created()
-            return TransitionCallbackReturn.FAILURE
         except Exception as error:
-            self.report_defect("configure", error)
+            if isinstance(error, WhereaboutsError):
+                self.get_logger().error(f"cannot configure: {error}")
+            else:
+                self.report_defect("configure", error)
             self._destroy_created()
+            self._parameter_set.freeze(False)
             return TransitionCallbackReturn.FAILURE
         return super().on_configure(state)
 
@@ -301,6 +296,11 @@ class SuiteNode(LifecycleNode):
         self._bonding.end()
         self._destroy_created()
         return super().on_shutdown(state)
+
+    def destroy_node(self) -> None:
+        """Also where the process is told to end without a transition: what is open is closed."""
+        self.created.close()
+        super().destroy_node()
 
     def _destroy_created(self) -> None:
         self.created.close()
