@@ -26,7 +26,7 @@ PACKAGES = (
     "evaluation",
 )
 # What says how to print, to save and to show progress, and nothing of a figure.
-AROUND = ("evaluation.report", "whereabouts.system.progress", "whereabouts.system.parallel")
+AROUND = ("evaluation.report", "whereabouts.system.progress", "evaluation.parallel")
 # Text that counts by its bytes: trained models, default knowledge, parameter files.
 DATA = ("models/*.json", "defaults/*.yaml")
 

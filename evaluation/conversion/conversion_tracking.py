@@ -14,7 +14,7 @@ from estimation.checks import FloatArray
 from estimation.conversion.switching import ConstantVelocity, SwitchingFilter
 from estimation.metrics.statistics import nees
 from evaluation.conversion.switching_printed import PrintedSwitchingFilter
-from whereabouts.system.parallel import each
+from evaluation.parallel import each
 
 RATE = 40.0  # Hz
 MEASUREMENT_COVARIANCE = np.diag([0.02**2, np.radians(2.0) ** 2])  # (6.19)

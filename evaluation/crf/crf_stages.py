@@ -9,6 +9,7 @@ import numpy as np
 
 from estimation.geometry.poses import compound
 from evaluation.crf.crf_metrics import Scores, f1_of, scores
+from evaluation.parallel import each
 from evaluation.report import Report, RunOptions
 from registration.crf import JointModel
 from registration.crf.as_printed import PrintedCrf
@@ -16,7 +17,6 @@ from registration.crf.estimate import JointEstimate, nothing
 from registration.crf.setup import start
 from registration.crf.window import segment
 from whereabouts.simulation.scenes.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
-from whereabouts.system.parallel import each
 
 STAGES = ("start", "+ chains", "+ joint", "+ trees", "+ window")
 SCENES = ("street protocol", "free streets", "halls", "offices", "crowds")

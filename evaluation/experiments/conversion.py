@@ -14,8 +14,8 @@ from evaluation.conversion import conversion_drive as driving
 from evaluation.conversion import conversion_limits as limits
 from evaluation.conversion import conversion_pictures as pictures
 from evaluation.conversion import conversion_tracking as tracking
+from evaluation.parallel import each
 from evaluation.report import Part, Report, RunOptions
-from whereabouts.system.parallel import each
 
 DEGREES = np.arange(0.5, 20.25, 0.5)
 SOME = (2, 3, 5, 10, 20)

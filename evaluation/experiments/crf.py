@@ -13,6 +13,7 @@ from evaluation.crf.crf_metrics import Scores, f1_of, scores
 from evaluation.crf.crf_pictures import busiest, draw_associations, draw_clusters
 from evaluation.crf.crf_recordings import recordings
 from evaluation.crf.crf_stages import NEAREST, stages
+from evaluation.parallel import each
 from evaluation.report import Figure, Part, Printed, Report, RunOptions, heading
 from registration import Scan, align
 from registration.crf import JointEstimate, JointModel
@@ -21,7 +22,6 @@ from registration.crf.estimate import nothing
 from registration.crf.setup import Start, start
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.scenes.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
-from whereabouts.system.parallel import each
 
 Inference = Callable[[Scan, Scan, Start | None], JointEstimate]
 PRINTED = ("ICP, K-means", "CRF-Matching, K-means", "CRF-Matching, CRF-Clustering", "joint CRF")

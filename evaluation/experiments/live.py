@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evaluation.parallel import each
 from evaluation.report import Part, Report, RunOptions, Table
 from whereabouts.demo.live.live_library import LibraryRobot, Outcome
 from whereabouts.simulation.home.live_apartment import HOME_OF, REACH, LiveDay
-from whereabouts.system.parallel import each
 
 MAINTAINED, TIMEOUT = 200.0, 240.0
 """s of keeping beliefs, and of the search."""

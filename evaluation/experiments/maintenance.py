@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from evaluation.drawing import saved
 from evaluation.maintenance import maintenance_scenes as scenes
 from evaluation.maintenance.maintenance_printed import PrintedRule, PrintedRun, simulate
+from evaluation.parallel import each
 from evaluation.report import Part, Report, RunOptions
 from whereabouts.simulation.scenes.maintenance_world import RoomPlan, TourAccount, fixed_path, maintained
-from whereabouts.system.parallel import each
 from whereabouts.system.progress import track
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import MaintenanceConfig

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from evaluation.parallel import each
 from evaluation.phd import phd_hidden as hiding
 from evaluation.phd import phd_monte_carlo as monte_carlo
 from evaluation.phd import phd_partitions as partitions
 from evaluation.phd import phd_recorded as recorded
 from evaluation.report import Part, Printed, Report, RunOptions
 from whereabouts.simulation.scenes.hidden_people import PERIOD
-from whereabouts.system.parallel import each
 
 # What is compared, by the name it has in the tables.
 PRINTED = hiding.PRINTED

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Places
 from evaluation.drawing import saved
+from evaluation.parallel import each
 from evaluation.report import Part, Report, RunOptions
 from whereabouts.simulation.scenes.recipe_rooms import (
     RECIPE_SIZE,
@@ -35,7 +36,6 @@ from whereabouts.simulation.scenes.search_homes import (
     home,
     learned_homes,
 )
-from whereabouts.system.parallel import each
 from whereabouts.system.progress import track
 from world_model.tasks.coverage import bounds_of
 from world_model.tasks.relations import Relations

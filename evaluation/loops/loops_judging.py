@@ -26,9 +26,9 @@ from evaluation.loops.place_evaluation import (
 )
 from evaluation.loops.place_training import CascadeConfig, Recording, train_cascade, train_plain
 from evaluation.loops.roc import Roc, roc
+from evaluation.parallel import each
 from loop_closure.places.pairs import PairRule, compare_pairs
 from loop_closure.places.place_model import PlaceModel
-from whereabouts.system.parallel import each
 
 PROTOCOLS = ("model", "cross", "k-fold")
 

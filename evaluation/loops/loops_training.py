@@ -21,9 +21,9 @@ from evaluation.loops.place_training import (
 )
 from evaluation.loops.roc import Roc, roc
 from evaluation.loops.training_clouds import judge_by_node, judge_by_place, train_clouds
+from evaluation.parallel import each
 from loop_closure.places.pairs import PairRule, Pairs
 from loop_closure.places.place_model import PlaceModel
-from whereabouts.system.parallel import each
 
 Say = Callable[[str], None]
 # Simulated floors are always among what is trained on: they are not what is asked about.

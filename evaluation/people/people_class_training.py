@@ -21,6 +21,7 @@ import numpy.typing as npt
 from estimation.errors import InputError
 from estimation.geometry.poses import compound, inverse
 from estimation.learning.gradient_boosting import GradientBoosting
+from evaluation.parallel import each
 from evaluation.people.people_training import marks_of
 from registration.laser.scan import Scan
 from tracking.people.people_tracker import PeopleTracker, Person
@@ -38,7 +39,6 @@ from whereabouts.simulation.scenes.occlusion_scenes import (
 )
 from whereabouts.simulation.scenes.people_scenes import PeopleScene, crowded_room, empty_floor, peopled_floor
 from whereabouts.simulation.scenes.varied_floors import disturbed, things_stand_about, varied_floor
-from whereabouts.system.parallel import each
 
 Array = npt.NDArray[np.float64]
 SEED = 1000  # no scene that judges is drawn from it

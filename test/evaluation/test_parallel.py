@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from estimation.errors import InputError
-from whereabouts.system.parallel import ClusterError, cluster, each
+from evaluation.parallel import ClusterError, cluster, each
 
 
 def test_results_come_in_order() -> None:

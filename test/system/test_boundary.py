@@ -147,7 +147,7 @@ class Careless(VerifierNode):
     def setup(self) -> None:
         super().setup()
         self.add_latched_input(Bool, "raises", self._raise)
-        self._created.append((self.destroy_timer, self.create_timer(0.01, self._raise)))
+        self.created.callback(self.destroy_timer, self.create_timer(0.01, self._raise))
 
     def _raise(self, *_: Any) -> None:
         raise ZeroDivisionError("careless")

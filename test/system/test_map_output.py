@@ -72,7 +72,7 @@ def test_boxes_lead_from_one_map_to_the_next(points: np.ndarray) -> None:
         for y in np.arange(0.0, 30.0, 3.0):
             grid.add(np.array([x, y, 0.0]), points)
             grid.add(np.array([y, x, 0.0]), points)
-    assert not output.updates_wanted, "no map was sent that could be changed"
+    assert not output.updates_wanted(grid), "no map was sent that could be changed"
     output.send(Header(), grid, np.zeros(2))
     sizes = [listener.values.size]
     for y in (10.0, 10.5, 22.0):

@@ -103,9 +103,8 @@ def pose(x: float, y: float) -> PoseStamped:
 def test_the_driver_follows_a_server_through_every_way_a_goal_can_end(graph: Graph) -> None:
     robot = np.zeros(3)
     nav2 = Nav2(graph, lambda: robot)
-    clients = [ActionClient(graph.node, NavigateToPose, "navigate_to_pose") for _ in range(2)]
-    ours, other = (Navigator(client, lambda at: NavigateToPose.Goal(pose=at)) for client in clients)
-    graph.until(lambda: all(client.server_is_ready() for client in clients), "the action is served")
+    ours, other = Navigator(graph.node), Navigator(graph.node)
+    graph.until(lambda: ours.ready and other.ready, "the action is served")
     failures: list[str] = []
 
     def go(x: float, y: float) -> None:
@@ -140,8 +139,8 @@ def test_the_driver_follows_a_server_through_every_way_a_goal_can_end(graph: Gra
     assert failures[1] == "nav2 gives up, or another goal took its place"
     graph.until(lambda: ours.remaining is not None and other.remaining is not None, "the other one drives on")
     assert len(nav2.jobs) == 6, "nobody quarrels about the robot"
-    for client in clients:
-        client.destroy()
+    ours.close()
+    other.close()
     nav2.server.destroy()
 
 

@@ -14,7 +14,7 @@ from test_motion_predictor import NODE, People, teach
 from tracking.intentions import Prediction
 from tracking.intentions.prediction import PredictedWay
 from whereabouts.nodes.messages.intention_messages import PathMarkers
-from whereabouts.nodes.navigation.keepout_mask import Reach, mask_values
+from whereabouts.nodes.navigation.keepout_mask import mask_values
 from whereabouts.nodes.ros.qos import LATCHED
 
 CostmapFilterInfo = pytest.importorskip("nav2_msgs.msg").CostmapFilterInfo
@@ -45,8 +45,8 @@ def metadata(width: int, height: int, x: float, y: float, turn: float = 0.0) -> 
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 def test_a_cell_has_the_probability_of_the_ways_that_pass_it(turn: float) -> None:
     told, info = prediction([0.6, 0.3, 0.1]), metadata(50, 40, -0.5, -0.3, turn)
-    reach = Reach(PathMarkers(horizon=2.0, interval=0.25, least=0.2), radius=0.35, patience=1.0)
-    values = mask_values({1: told}, 0.0, info, reach)
+    ways = PathMarkers(horizon=2.0, interval=0.25, least=0.2)
+    values = mask_values({1: told}, 0.0, info, ways, radius=0.35)
     c, s = np.cos(turn), np.sin(turn)
     # Cell by cell, from what is meant: the third way is too improbable to count.
     for row in range(info.height):
@@ -67,13 +67,13 @@ def test_a_cell_has_the_probability_of_the_ways_that_pass_it(turn: float) -> Non
 
 
 def test_people_outside_the_map_and_two_at_a_place() -> None:
-    reach = Reach(PathMarkers(1.0, 0.25, 0.2), 0.3, 1.0)
-    far = mask_values({1: prediction([1.0])}, 0.0, metadata(10, 10, 100.0, 100.0), reach)
+    ways = PathMarkers(1.0, 0.25, 0.2)
+    far = mask_values({1: prediction([1.0])}, 0.0, metadata(10, 10, 100.0, 100.0), ways, 0.3)
     assert (far == -1).all()
     both = mask_values(
-        {1: prediction([1.0]), 2: prediction([0.5, 0.5])}, 0.0, metadata(50, 50, -1.0, -1.0), reach
+        {1: prediction([1.0]), 2: prediction([0.5, 0.5])}, 0.0, metadata(50, 50, -1.0, -1.0), ways, 0.3
     )
-    alone = mask_values({1: prediction([1.0])}, 0.0, metadata(50, 50, -1.0, -1.0), reach)
+    alone = mask_values({1: prediction([1.0])}, 0.0, metadata(50, 50, -1.0, -1.0), ways, 0.3)
     assert (both >= alone).all()
     assert (both == 50).any()
 

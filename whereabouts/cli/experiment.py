@@ -48,9 +48,9 @@ def experiment(
 ) -> None:
     """Run an experiment, print its tables and write its figures; or compare two results."""
     from estimation.errors import InputError
+    from evaluation.parallel import cluster
     from evaluation.running import Run, experiments, run_each
     from whereabouts.datasets import data_directory
-    from whereabouts.system.parallel import cluster
 
     if name == "compare":
         _compare(folders or [])

@@ -111,8 +111,8 @@ def train(
     The cascade is trained on single scans (headings within 45°) and on local maps (up to --heading) alike.
     """
     from evaluation.loops.loops_training import train_on_logs
+    from evaluation.parallel import cluster
     from loop_closure.places.pairs import PairRule
-    from whereabouts.system.parallel import cluster
     from whereabouts.system.progress import progress_bar
 
     rule = PairRule(distance, path_gap, math.radians(heading), apart, index_gap)
@@ -188,8 +188,8 @@ def evaluate(
 
     from evaluation.loops.loops_data import Reading, read_recording
     from evaluation.loops.loops_judging import JudgingPlan, draw_curves, judge
+    from evaluation.parallel import cluster
     from loop_closure.places.pairs import PairRule
-    from whereabouts.system.parallel import cluster
     from whereabouts.system.progress import track
 
     reading = Reading(local_map=local_map)

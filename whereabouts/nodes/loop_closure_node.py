@@ -28,7 +28,7 @@ from registration.laser.scan import Scan
 from whereabouts.nodes.mapping.map_editing import MapEditing
 from whereabouts.nodes.mapping.map_files import MapFiles
 from whereabouts.nodes.mapping.map_in_use import MapInUse
-from whereabouts.nodes.mapping.map_publisher import MapOutput, MapPublisher
+from whereabouts.nodes.mapping.map_publisher import MapPublisher
 from whereabouts.nodes.mapping.map_transform import MapTransform
 from whereabouts.nodes.mapping.odometry_source import OdometrySource
 from whereabouts.nodes.messages.conversions import (
@@ -40,7 +40,7 @@ from whereabouts.nodes.messages.conversions import (
 )
 from whereabouts.nodes.messages.map_messages import closure_message
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.transforms import check_frame
 from whereabouts.nodes.navigation.nav2_maps import Nav2Maps
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
@@ -67,15 +67,10 @@ class LoopClosureNode(SuiteNode):
         self.listen_to_transforms()
         self._source = OdometrySource(settings.odometry_source, settings.base_frame)
         # Where the robot was at a scan and how sure that is: the message may come before the scan or after it.
-        sure = [
-            self.add_input(
-                OdometryMessage,
-                "odometry",
-                self._take_odometry,
-                on_demand=True,
-                awaited=settings.odometry_source != "tf",
-            )
-        ]
+        sure = self.add_input(
+            OdometryMessage, "odometry", self._take_odometry,
+            on_demand=True, awaited=settings.odometry_source != "tf",
+        )  # fmt: skip
         # A person, not a sensor: its stamp says nothing about the run.
         self.add_input(PoseWithCovarianceStamped, "initialpose", self._take_initial_pose, sensor=False)
         warm_up()
@@ -84,16 +79,15 @@ class LoopClosureNode(SuiteNode):
             if settings.cloud_topic
             else (LaserScan, settings.scan_topic, self._take_scan)
         )
-        self._range_input = self.add_input(kind, topic, take, frames=self._frames, companions=sure)
+        self._range_input = self.add_input(kind, topic, take, frames=self._frames, companions=[sure])
         self._closures_output = self.add_output(LoopClosure, "loop_closures", 100)
-        maps = MapOutput(self)
-        self._map = MapInUse(self, self._for_tf, maps.forget, self.aside)
-        self._publisher = MapPublisher(self, self._map, maps)
+        self._map = MapInUse(self, self._for_tf, self.aside)
+        self._publisher = MapPublisher(self, self._map)
         self._transform = MapTransform(self, self._map)
         files = MapFiles(self, self._map, self.finish_work)
-        self._editing = MapEditing(self, self, settings.map_frame)
+        self._editing = MapEditing(self)
         if settings.nav2_services:
-            Nav2Maps(self, self, files)
+            Nav2Maps(self, files)
         self.add_timer(settings.tf_period, lambda: self._transform.repeat(self._stamp))
         self.add_timer(settings.tf_period, self._catch_up)
         self.add_timer(settings.map_period, self.publish_map)
@@ -197,7 +191,7 @@ class LoopClosureNode(SuiteNode):
             made.locate(view, odometry)
         elif not self._editing.paused or not len(made.slam.keyframes):
             update = made.slam.process(view, odometry, covariance, stamp / NANOSECONDS)
-            self._take_update(update, update.keyframe is not None)
+            self._take_update(update)
             made.look_for_earlier(view, odometry, stamp / NANOSECONDS)
             made.take_correction()
             if isinstance(view, Scan) and (update.keyframe is not None or made.grid.behind):
@@ -210,9 +204,9 @@ class LoopClosureNode(SuiteNode):
         if self._range_input.behind(stamp) > 0:
             raise InputError("its stamp is older than that of the previous message")
 
-    def _take_update(self, update: SlamUpdate, kept: bool) -> None:
+    def _take_update(self, update: SlamUpdate) -> None:
         self._waiting = update.waiting
-        self._map.changed |= kept
+        self._map.changed |= update.keyframe is not None or bool(update.closures)
         frames = self._map.slam.keyframes
         for closure in update.closures:
             numbers = frames[closure.earlier].number, frames[closure.later].number
@@ -221,10 +215,8 @@ class LoopClosureNode(SuiteNode):
             )
 
     def _take_initial_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
-        if frame_name(message.header.frame_id) not in ("", frame_name(self.settings.map_frame)):
-            raise InputError(
-                f"initialpose in frame {message.header.frame_id!r}: {self.settings.map_frame!r} expected"
-            )
+        map_frame = self.settings.map_frame
+        check_frame("initialpose", message.header.frame_id or map_frame, map_frame)
         if self._map.localizer is None:
             self.complain("initialpose is ignored: this run builds the map, so the pose is known")
             return
@@ -249,8 +241,7 @@ class LoopClosureNode(SuiteNode):
         came, self._caught_up = self._stamp != self._caught_up, self._stamp
         if came or self._map.localizer is not None or not self._map.slam.behind:
             return
-        update = self._map.slam.work()
-        self._take_update(update, bool(update.closures))
+        self._take_update(self._map.slam.work())
         self._map.take_correction()
 
     def publish_map(self) -> None:
@@ -289,8 +280,7 @@ class LoopClosureNode(SuiteNode):
     def finish_work(self) -> None:
         """Do all that scans have left over."""
         while self._map.slam.behind:
-            update = self._map.slam.work()
-            self._take_update(update, bool(update.closures))
+            self._take_update(self._map.slam.work())
 
 
 def main() -> None:

@@ -35,8 +35,8 @@ from whereabouts.nodes.messages.intention_messages import (
     people_from_message,
 )
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.messages.transforms import frame_name
-from whereabouts.nodes.navigation.keepout_mask import PeopleMask, Reach
+from whereabouts.nodes.messages.transforms import check_frame, frame_name
+from whereabouts.nodes.navigation.keepout_mask import PeopleMask
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.qos import EVENTS, LATCHED
@@ -74,7 +74,7 @@ class MotionPredictorNode(SuiteNode):
         self._paths_output = self.add_output(PredictedPathArray, "predicted_paths")
         self._markers_output = self.add_output(MarkerArray, "~/markers")
         self._occupancy_output = self.add_output(PointCloud2, "predicted_occupancy")
-        self._mask = PeopleMask(self, MASK_PERIOD) if settings.publish_mask else None
+        self._mask = PeopleMask(self) if settings.publish_mask else None
         if self._mask is not None:
             self.add_timer(MASK_PERIOD, self._send_mask)
         self.add_service(SaveState, "~/save", self._save)
@@ -126,10 +126,7 @@ class MotionPredictorNode(SuiteNode):
         return [(self.settings.map_frame, message.header.frame_id)]
 
     def _take_map(self, message: OccupancyGrid, _: int) -> None:
-        if frame_name(message.header.frame_id) != frame_name(self.settings.map_frame):
-            raise InputError(
-                f"map in frame {message.header.frame_id!r}: {self.settings.map_frame!r} (map_frame) expected"
-            )
+        check_frame("map", message.header.frame_id, self.settings.map_frame)
         self._obstacles = Obstacles(occupied_points(message, OCCUPIED_FROM))
         if self._mask is not None:
             self._mask.take_map(message.info)
@@ -182,7 +179,7 @@ class MotionPredictorNode(SuiteNode):
         settings = self.settings
         assert self._mask is not None
         header = Header(stamp=time_message(self.now), frame_id=frame_name(settings.map_frame))
-        self._mask.send(header, Reach(self._ways, settings.mask_radius, TRACK_TIMEOUT))
+        self._mask.send(header, self._ways, settings.mask_radius)
 
     def _from_robot(self, points: Array, stamp: int) -> PointCloud2:
         """Points (M, 3) of the map as a cloud that is centred on the robot, where tf knows it.
@@ -201,24 +198,22 @@ class MotionPredictorNode(SuiteNode):
         seen = points @ robot[:3, :3].T + robot[:3, 3]
         return cloud_message(Header(stamp=time_message(at), frame_id=base), seen)
 
-    def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+    def _reset(self, request: Reset.Request, response: Reset.Response) -> str:
         self._restart()
         return super()._reset(request, response)
 
-    def _save(self, request: SaveState.Request, response: SaveState.Response) -> SaveState.Response:
+    def _save(self, request: SaveState.Request, response: SaveState.Response) -> str:
         path = self._path(request, making=True)
         keep_foreign(path, is_saved_model, "a saved intention model")
         response.path = str(self._model.save(path, self.settings.map_id))
-        response.code, response.message = response.SUCCESS, f"{self._learned()} saved"
-        return response
+        return f"{self._learned()} saved"
 
     def _learned(self) -> str:
         return counted(self._model.learned, "trajectory", "trajectories")
 
-    def _load(self, request: LoadState.Request, response: LoadState.Response) -> LoadState.Response:
+    def _load(self, request: LoadState.Request, _: LoadState.Response) -> str:
         self._adopt(self._path(request))
-        response.code, response.message = response.SUCCESS, f"{self._learned()} loaded"
-        return response
+        return f"{self._learned()} loaded"
 
     def _path(self, request: Any, making: bool = False) -> Path:
         files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.errors import InputError
 from whereabouts.nodes.messages.markers import colour, marker, point
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
@@ -26,8 +28,7 @@ from whereabouts.nodes.messages.world_messages import object_message
 from whereabouts.nodes.messages.world_reading import LatestState, grid_from_message, planar_pose, pose_stamped
 from whereabouts.nodes.navigation.base_claim import BaseClaim
 from whereabouts.nodes.navigation.errands import is_errand
-from whereabouts.nodes.navigation.goals import PATIENCE, SAME, Approach
-from whereabouts.nodes.navigation.nav2 import figures_of, navigator_of
+from whereabouts.nodes.navigation.goals import PATIENCE, SAME, Approach, Navigator
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.qos import HEARD_LATCHED, LATCHED
@@ -88,7 +89,8 @@ class ObjectSearchNode(SuiteNode):
         self._goal_output = self.add_output(PoseStamped, "search_goal", LATCHED)
         self._base_claim = BaseClaim(self)
         self._markers_output = self.add_output(MarkerArray, "search_markers")
-        self._navigator = navigator_of(self, settings.navigate)
+        self._navigator = Navigator(self, settings.navigate)
+        self.created.callback(self._navigator.close)
         self.add_action(FindObject, "find_object", self._find)
 
     def start_run(self) -> None:
@@ -107,7 +109,7 @@ class ObjectSearchNode(SuiteNode):
     def health(self) -> Health:
         figures: dict[str, object] = {"found": self._found, "not found": self._failed, "goals": self._steps}
         figures["known names"] = len(self._relations.names)
-        figures |= figures_of(self._navigator)
+        figures |= self._navigator.figures
         if self._searching:
             return Health(f"looking for {self._searching}: {self._reason}", figures=figures)
         return Health("idle", figures=figures)
@@ -116,14 +118,9 @@ class ObjectSearchNode(SuiteNode):
         self._latest.take(message)
         if self.settings.learn and (self._learnt_at is None or stamp - self._learnt_at >= LEARN_PERIOD):
             self._learnt_at = stamp
-            state = self._state
+            state = self._latest.state
             if state is not None:
                 self._together.learn(state, self.settings.together_distance)
-
-    @property
-    def _state(self) -> WorldState | None:
-        """The newest world state."""
-        return self._latest.state
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
         self._search.grid = grid_from_message(message)
@@ -135,12 +132,7 @@ class ObjectSearchNode(SuiteNode):
         wanted = request.class_name or request.object_id.rpartition("-")[0] or request.object_id
         result = FindObject.Result()
         if not wanted:
-            handle.abort()
-            result.code, result.message = (
-                result.REFUSED,
-                "class_name and object_id are both empty: name what to look for",
-            )
-            return result
+            raise InputError("class_name and object_id are both empty: name what to look for")
         errand = is_errand(self, handle)
         if errand and (first := self._goes_first()):
             handle.abort()
@@ -159,8 +151,7 @@ class ObjectSearchNode(SuiteNode):
         finally:
             if serial == self._serial:
                 self._searching = ""
-                if self._navigator is not None:
-                    self._navigator.stop()
+                self._navigator.stop()
                 self._base_claim.give_back()
         self._found += result.code == result.FOUND
         self._failed += result.code in (result.NOT_FOUND, result.GAVE_UP)
@@ -188,17 +179,18 @@ class ObjectSearchNode(SuiteNode):
                 result.message = "cancelled" if cancelled else first or "another search was started"
                 return
             pose = self._pose()
-            state = self._state
+            state = self._latest.state
             if pose is not None and state is not None:
                 if place is not None:
                     result.distance += float(np.hypot(*(pose[:2] - place[:2])))
                 place = pose
-                found = self._believed(request, wanted)
+                asked = [item for item in state.objects if self._is_asked(item, request, wanted)]
+                found = next(filter(_is_believed, asked), None)
                 if found is not None:
                     self._succeed(handle, found, result)
                     return
-                self._search.expect(self._expected(request, wanted))
-                step = self._next(step, pose, wanted)
+                self._search.expect(_expected(asked))
+                step = self._next(step, state, pose, wanted)
                 said = self._tell(handle, step, said)
                 if step.goal is None:
                     handle.abort()
@@ -218,31 +210,29 @@ class ObjectSearchNode(SuiteNode):
                 self.complain(self._reason, key="pose")
             await self.pause(1.0 / self.settings.rate)
 
-    def _next(self, step: SearchStep | None, pose: Array, wanted: str) -> SearchStep:
+    def _next(self, step: SearchStep | None, state: WorldState, pose: Array, wanted: str) -> SearchStep:
         """The next step; what has been reached without seeing the target is a dead end, and what never is."""
         if step is not None and step.goal is not None and step.kind != "target":
             away = float(np.hypot(*(step.goal - pose[:2])))
             if away <= self.settings.arrival_distance:
-                if self._looked_around():
+                if self._looked_around(state):
                     self._search.reached(pose[:2])
                     self._arrived = None
-                return self._search.next_goal(self._observed(pose), wanted, pose)
-            self._arrived = None
-            if self._gone_wrong(step.goal):
-                self.complain(f"a goal is out of reach: {self._why()}. It was: {step.reason}", key="goal")
-                self._search.reached(step.goal)
-            elif self._state is not None and self._approach.stuck(step.goal, away, self._state.stamp):
-                self.complain(f"a goal was not reached. The next one: {step.reason}", key="goal")
-                self._search.reached(step.goal)
-        return self._search.next_goal(self._observed(pose), wanted, pose)
+            else:
+                self._arrived = None
+                if self._gone_wrong(step.goal):
+                    why = self._navigator.reason
+                    self.complain(f"a goal is out of reach: {why}. It was: {step.reason}", key="goal")
+                    self._search.reached(step.goal)
+                elif self._approach.stuck(step.goal, away, state.stamp):
+                    self.complain(f"a goal was not reached. The next one: {step.reason}", key="goal")
+                    self._search.reached(step.goal)
+        return self._search.next_goal(self._observed(state, pose), wanted, pose)
 
     def _gone_wrong(self, goal: Array) -> bool:
         """Whether nav2 has given up a goal (2,); it is said once."""
         lost, self._out_of_reach = self._out_of_reach, None
         return lost is not None and float(np.hypot(*(lost - goal))) < 1e-6
-
-    def _why(self) -> str:
-        return "" if self._navigator is None else self._navigator.reason
 
     def _send(self, goal: PoseStamped, place: Array) -> None:
         """Have nav2 drive to a goal at `place` (2,), if it is to."""
@@ -250,63 +240,35 @@ class ObjectSearchNode(SuiteNode):
         def failed() -> None:
             self._out_of_reach = place
 
-        if self._navigator is not None and not self._navigator.go(goal, failed):
-            self.complain(self._why(), key="nav2")
+        if not self._navigator.go(goal, failed):
+            self.complain(self._navigator.reason, key="nav2")
 
-    def _expected(self, request: Any, wanted: str) -> dict[str, float]:
-        """Where what is asked for probably is by now, if it is lost or has probably moved on since it was seen."""
-        assert self._state is not None
-        places: dict[str, float] = {}
-        for item in self._state.objects:
-            if (
-                item.place
-                and (item.lost or MOVED_ON in item.predicates)
-                and self._is_asked(item, request, wanted)
-            ):
-                places[item.place] = max(places.get(item.place, 0.0), item.existence * item.place_probability)
-        return places
-
-    def _looked_around(self) -> bool:
+    def _looked_around(self, state: WorldState) -> bool:
         """Whether the world model knows what there is to be seen from the goal; it may be behind the robot.
 
         Where no world state comes any more, PATIENCE has to do.
         """
-        assert self._state is not None
         now = self.now / NANOSECONDS
         if self._arrived is None:
             newest = self.transforms.newest(self._map_frame, self._base) or 0
-            self._arrived = (max(newest / NANOSECONDS, self._state.stamp), now)
+            self._arrived = (max(newest / NANOSECONDS, state.stamp), now)
         stamp, since = self._arrived
-        return self._state.stamp >= stamp + LOOK or now - since > PATIENCE
+        return state.stamp >= stamp + LOOK or now - since > PATIENCE
 
-    def _observed(self, pose: Array) -> dict[str, Array]:
+    def _observed(self, state: WorldState, pose: Array) -> dict[str, Array]:
         """Positions by name of what is believed in; of several of a class the nearest one that has not been tried."""
-        assert self._state is not None
-        observed: dict[str, Array] = {}
-        ranks: dict[str, tuple[bool, float]] = {}
-        for item in self._state.objects:
-            name = item.most_probable("class")
-            known = not item.lost and MOVED_ON not in item.predicates
-            if name and known and item.existence >= BELIEVED:
-                away = float(np.hypot(*(item.position[:2] - pose[:2])))
-                rank = (self._search.tried(name, item.position), away)
-                if name not in ranks or rank < ranks[name]:
-                    ranks[name], observed[name] = rank, item.position
-        return {
-            name: spot
-            for name, spot in observed.items()
-            if self._relations.unified(name) != self._relations.unified(self._searching)
-        }
 
-    def _believed(self, request: Any, wanted: str) -> WorldObject | None:
-        """The object that was asked for, if the world model believes in it and knows where it is."""
-        assert self._state is not None
-        for item in self._state.objects:
-            if item.lost or MOVED_ON in item.predicates or item.existence < BELIEVED:
-                continue
-            if self._is_asked(item, request, wanted):
-                return item
-        return None
+        def rank(item: WorldObject) -> tuple[bool, float]:
+            away = float(np.hypot(*(item.position[:2] - pose[:2])))
+            return self._search.tried(item.most_probable("class"), item.position), away
+
+        unified = self._relations.unified
+        known: dict[str, list[WorldObject]] = {}
+        for item in filter(_is_believed, state.objects):
+            name = item.most_probable("class")
+            if name and unified(name) != unified(self._searching):
+                known.setdefault(name, []).append(item)
+        return {name: min(items, key=rank).position for name, items in known.items()}
 
     def _is_asked(self, item: WorldObject, request: Any, wanted: str) -> bool:
         if request.object_id and item.id != request.object_id:
@@ -353,8 +315,23 @@ class ObjectSearchNode(SuiteNode):
         return planar_pose(self.transforms, self._map_frame, self._base)
 
     def _header(self) -> Header:
-        stamp = 0 if self._state is None else round(self._state.stamp * NANOSECONDS)
+        state = self._latest.state
+        stamp = 0 if state is None else round(state.stamp * NANOSECONDS)
         return Header(stamp=time_message(stamp or time.time_ns()), frame_id=self._map_frame)
+
+
+def _is_believed(item: WorldObject) -> bool:
+    """Whether the world model believes in an object, and knows where it is."""
+    return item.existence >= BELIEVED and not item.lost and MOVED_ON not in item.predicates
+
+
+def _expected(asked: Iterable[WorldObject]) -> dict[str, float]:
+    """Where objects probably are by now that are lost, or have probably moved on since they were seen."""
+    places: dict[str, float] = {}
+    for item in asked:
+        if item.place and (item.lost or MOVED_ON in item.predicates):
+            places[item.place] = max(places.get(item.place, 0.0), item.existence * item.place_probability)
+    return places
 
 
 def _markers(header: Header, step: SearchStep) -> MarkerArray:

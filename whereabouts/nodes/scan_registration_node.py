@@ -44,6 +44,7 @@ from whereabouts.nodes.messages.conversions import (
     wheel_pose,
 )
 from whereabouts.nodes.messages.frame_owner import FrameOwner
+from whereabouts.nodes.messages.markers import vector
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import frame_name, transform_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
@@ -171,9 +172,8 @@ class ScanRegistrationNode(SuiteNode):
             spatial_covariance(covariance),
             spatial(step),
             spatial_covariance(step_covariance),
+            transform_points(level, self._odometry.static_points),
         )
-        self._publish_static(stamp, transform_points(level, self._odometry.static_points))
-        self._finish(stamp)
         if seen is not None and self._segmenter is not None:
             seconds, pose = stamp / NANOSECONDS, self._odometry.pose
             labels = self._segmenter.segment(seen, seconds, pose, self._pace.left)
@@ -221,9 +221,8 @@ class ScanRegistrationNode(SuiteNode):
             self._odometry.covariance.reshape(36),
             pose_from_matrix(self._odometry.increment),
             self._odometry.increment_covariance.reshape(36),
+            self._odometry.static_points,
         )
-        self._publish_static(stamp, self._odometry.static_points)
-        self._finish(stamp)
 
     def _guess(self, stamp: int, level: Array) -> Array | None:
         """Motion of the sensor since the last scan by the wheels, in its frame then."""
@@ -231,16 +230,10 @@ class ScanRegistrationNode(SuiteNode):
             return None
         return _seen_from(level, self._wheels.motion(self._last_stamp, stamp, WHEEL_AGE))
 
-    def _finish(self, stamp: int) -> None:
-        self._last_stamp = stamp
-        self._registered += 1
-        if self._odometry.unsure:
-            self._unsure += 1
-            self.complain(f"unsure: {self._odometry.reason}", key="unsure")
-
     def _publish(
-        self, stamp: int, pose: Array, covariance: Array, step: Array, step_covariance: Array
+        self, stamp: int, pose: Array, covariance: Array, step: Array, step_covariance: Array, still: Array
     ) -> None:
+        """Say where the robot is and how it got there, (6,) and (36,) each; still : points that stand, (N, 2 | 3)."""
         settings = self.settings
         message = OdometryMessage()
         message.header = Header(stamp=time_message(stamp), frame_id=frame_name(settings.odom_frame))
@@ -250,8 +243,7 @@ class ScanRegistrationNode(SuiteNode):
         elapsed = 0.0 if self._last_stamp is None else (stamp - self._last_stamp) / NANOSECONDS
         if elapsed > 0.0:
             speed, twist = step / elapsed, message.twist.twist
-            twist.linear.x, twist.linear.y, twist.linear.z = (float(value) for value in speed[:3])
-            twist.angular.x, twist.angular.y, twist.angular.z = (float(value) for value in speed[3:])
+            twist.linear, twist.angular = vector(speed[:3]), vector(speed[3:])
             message.twist.covariance = step_covariance / elapsed**2
         self._odometry_output.publish(message)
         if settings.publish_tf and self._may_publish_tf(stamp):
@@ -260,6 +252,14 @@ class ScanRegistrationNode(SuiteNode):
                 message.header.frame_id, message.child_frame_id, stamp, (*position, *quaternion)
             )
             self._tf_output.publish(TFMessage(transforms=[transform]))
+        if self._static_output.wanted:
+            header = Header(stamp=time_message(stamp), frame_id=frame_name(settings.base_frame))
+            self._static_output.publish(cloud_message(header, still))
+        self._last_stamp = stamp
+        self._registered += 1
+        if self._odometry.unsure:
+            self._unsure += 1
+            self.complain(f"unsure: {self._odometry.reason}", key="unsure")
 
     def _may_publish_tf(self, stamp: int) -> bool:
         """Whether the frame of the robot is this node's to place; said once where it is not."""
@@ -272,12 +272,6 @@ class ScanRegistrationNode(SuiteNode):
     def _take_transforms(self, message: TFMessage, static: bool) -> None:
         self._owner.hear(message)
         super()._take_transforms(message, static)
-
-    def _publish_static(self, stamp: int, points: Array) -> None:
-        if not self._static_output.wanted:
-            return
-        header = Header(stamp=time_message(stamp), frame_id=frame_name(self.settings.base_frame))
-        self._static_output.publish(cloud_message(header, points))
 
 
 def _seen_from(level: Array, motion: Array | None) -> Array | None:

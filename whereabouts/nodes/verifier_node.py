@@ -12,12 +12,11 @@ import numpy as np
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from sensor_msgs.msg import LaserScan, PointCloud2
 
-from estimation.errors import InputError
-from estimation.geometry.frame_tree import TransformError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.poses import transform_points
 from whereabouts.messages.decode import cloud_colors
 from whereabouts.nodes.messages.conversions import points_from_message, pose_from_message, spatial_covariance
+from whereabouts.nodes.messages.markers import point
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
 from whereabouts.nodes.messages.transforms import Matrix, frame_name
 from whereabouts.nodes.messages.world_reading import grid_from_message
@@ -55,14 +54,9 @@ class VerifierNode(SuiteNode):
         self._grid: OccupancyGrid | None = None
         # Nobody looks most of the time.
         self.listen_to_transforms(on_demand=True)
-        if self.settings.cloud_topic:
-            self.add_input(
-                PointCloud2, self.settings.cloud_topic, self._take, frames=self._frames, on_demand=True
-            )
-        else:
-            self.add_input(
-                LaserScan, self.settings.scan_topic, self._take, frames=self._frames, on_demand=True
-            )
+        cloud_topic, scan_topic = self.settings.cloud_topic, self.settings.scan_topic
+        kind, topic = (PointCloud2, cloud_topic) if cloud_topic else (LaserScan, scan_topic)
+        self.add_input(kind, topic, self._take, frames=self._frames, on_demand=True)
         self.add_latched_input(GridMessage, "map", self._take_map)
         self.add_action(VerifyObject, "verify_object", self._serve)
 
@@ -89,13 +83,7 @@ class VerifierNode(SuiteNode):
 
     async def _serve(self, handle: Any) -> Any:
         request, result = handle.request, VerifyObject.Result()
-        try:
-            box = self._box(request)
-        except (InputError, TransformError) as error:
-            handle.abort()
-            result.code, result.message = result.REFUSED, str(error)
-            return result
-        settings = self.settings
+        box, settings = self._box(request), self.settings
         verification = Verification(
             box, settings.frames, settings.points, CLEAR, self._grid, WIDEST, _appearance(request)
         )
@@ -130,9 +118,7 @@ class VerifierNode(SuiteNode):
             return
         said = outcome or verification.outcome()
         self._answers[said] += 1
-        result.code = {"found": result.FOUND, "occluded": result.OCCLUDED, "not_found": result.NOT_FOUND}[
-            said
-        ]
+        result.code = getattr(result, said.upper())
         share = f"{verification.visible:.0%} of the region seen in {counted(verification.frames, 'frame')}"
         result.message = f"{request.object_id or request.class_name}: {said.replace('_', ' ')}, {share}"
         if said == FOUND:
@@ -142,8 +128,7 @@ class VerifierNode(SuiteNode):
             # What it was told of its size is no measurement of it.
             named = [told for told in request.attributes if len(told.discrete.values)]
             item = ObjectEvidence(object_id=request.object_id, attributes=named)
-            at = item.pose.pose.position
-            at.x, at.y, at.z = (float(value) for value in position)
+            item.pose.pose.position = point(position)
             item.pose.pose.orientation.w = 1.0
             full = spatial_covariance(np.zeros((3, 3))).reshape(6, 6)
             full[:3, :3] = covariance

@@ -9,6 +9,7 @@ verifier measured). Service: `~/trigger`. Calls: action `verify_object`; if told
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,16 +17,16 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
-from rclpy.duration import Duration
 from std_msgs.msg import Bool, Header
 
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from whereabouts.nodes.messages.packed import Packed
-from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS, duration_message, time_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.messages.world_reading import (
     LatestState,
+    attribute_messages,
     box_region,
     distribution_message,
     grid_from_message,
@@ -33,14 +34,14 @@ from whereabouts.nodes.messages.world_reading import (
     pose_stamped,
 )
 from whereabouts.nodes.navigation.errands import Errands
-from whereabouts.nodes.navigation.nav2 import figures_of, navigator_of
+from whereabouts.nodes.navigation.goals import Navigator
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.qos import HEARD_LATCHED, LATCHED
 from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
 from whereabouts.recorded.evidence_messages import NOT_FOUND
 from whereabouts_msgs.action import VerifyObject
-from whereabouts_msgs.msg import Attribute, GaussianDistribution, ObjectEvidence, WorldEvidence
+from whereabouts_msgs.msg import ObjectEvidence, WorldEvidence
 from whereabouts_msgs.msg import VerificationTask as TaskMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from whereabouts_msgs.srv import TriggerVerification
@@ -74,7 +75,7 @@ class WorldMaintenanceNode(SuiteNode):
         states = self.add_input(
             StateMessage, "world_state", self._take_state, packed=True, in_turn=True, qos=HEARD_LATCHED
         )
-        self._latest = LatestState(states.refuse, self._observe)
+        self._latest = LatestState(states.refuse, lambda state: self._growth.observe(state))
         self.add_latched_input(GridMessage, "map", self._take_map)
         self.add_latched_input(Bool, "base_available", self._take_available, in_turn=True)
         self._task_output = self.add_output(TaskMessage, "verification_tasks")
@@ -82,8 +83,11 @@ class WorldMaintenanceNode(SuiteNode):
         self._evidence_output = self.add_output(WorldEvidence, "evidence")
         self.add_service(TriggerVerification, "~/trigger", self._trigger)
         self._verifier = self.add_caller(VerifyObject, "verify_object")
-        self._finder = Errands(self, self._settle) if settings.search_for_lost else None
-        self._navigator = navigator_of(self, settings.navigate)
+        self._finder = (
+            Errands(self, partial(self.complain, key="search")) if settings.search_for_lost else None
+        )
+        self._navigator = Navigator(self, settings.navigate)
+        self.created.callback(self._navigator.close)
         self.add_timer(1.0 / settings.rate, self._tick)
 
     def start_run(self) -> None:
@@ -104,7 +108,7 @@ class WorldMaintenanceNode(SuiteNode):
         figures: dict[str, object] = {"tasks": self._tasks, **self._outcomes}
         figures["triggers waiting"] = len(self._maintenance.queue)
         figures["searches asked for"] = 0 if self._finder is None else self._finder.sent
-        figures |= figures_of(self._navigator)
+        figures |= self._navigator.figures
         if self._finder is not None and self._finder.busy:
             return Health(self._finder.said, figures=figures)
         if self._task is not None:
@@ -121,9 +125,6 @@ class WorldMaintenanceNode(SuiteNode):
         """The newest world state; reading it takes longer than anything else here."""
         return self._latest.state
 
-    def _observe(self, state: WorldState) -> None:
-        self._growth.observe(state)
-
     def _take_map(self, message: GridMessage, stamp: int) -> None:
         self._grid = grid_from_message(message)
 
@@ -137,9 +138,7 @@ class WorldMaintenanceNode(SuiteNode):
         ):
             self._finish(self._task, "occluded")
 
-    def _trigger(
-        self, request: TriggerVerification.Request, response: TriggerVerification.Response
-    ) -> TriggerVerification.Response:
+    def _trigger(self, request: TriggerVerification.Request, response: TriggerVerification.Response) -> str:
         name = request.object_id
         state = self._state
         known = () if state is None else state.objects
@@ -158,8 +157,7 @@ class WorldMaintenanceNode(SuiteNode):
         response.merged = not self._maintenance.trigger(name, request.requester or "a task")
         response.object_id = name
         words = next(named(item) for item in known if item.id == name)
-        response.code, response.message = response.SUCCESS, f"{words} is next to be observed"
-        return response
+        return f"{words} is next to be observed"
 
     # Decisions.
 
@@ -208,33 +206,21 @@ class WorldMaintenanceNode(SuiteNode):
             header=header, object_id=task.object_id, region=box_region(task.region[0], task.region[1] + BODY),
             goal=goal, sensor=task.sensor, gain=task.gain, utility=task.utility, reason=task.reason,
             class_distribution=distribution_message(task.attributes.get("class", {})),
-            attributes=self._attributes(task),
+            attributes=attribute_messages(task.attributes, task.quantities),
             trigger=TaskMessage.TRIGGER_TASK if task.trigger else TaskMessage.TRIGGER_UNCERTAINTY,
         )  # fmt: skip
         self._task_output.publish(message)
         if task.distance > 0.0:
             self._goal_output.publish(goal)
-            navigator = self._navigator
-            if navigator is not None and not navigator.go(goal, lambda: self._unreachable(task)):
-                self.complain(navigator.reason, key="nav2")
+            if not self._navigator.go(goal, lambda: self._unreachable(task)):
+                self.complain(self._navigator.reason, key="nav2")
 
     def _unreachable(self, task: VerificationTask) -> None:
         """nav2 cannot get there: another task, this one from another side later."""
         if self._task is task and not self._verifying:
-            reason = self._navigator.reason if self._navigator else ""
-            self.complain(f"{task.object_id}: the goal cannot be reached: {reason}", key="goal")
+            why = self._navigator.reason
+            self.complain(f"{task.object_id}: the goal cannot be reached: {why}", key="goal")
             self._finish(task, "occluded")
-
-    def _attributes(self, task: VerificationTask) -> list[Attribute]:
-        named = [
-            Attribute(name=name, discrete=distribution_message(values))
-            for name, values in task.attributes.items()
-            if name != "class"
-        ]
-        return named + [
-            Attribute(name=name, continuous=GaussianDistribution(mean=[mean], covariance=[variance]))
-            for name, (mean, variance) in task.quantities.items()
-        ]
 
     # Verification.
 
@@ -247,8 +233,9 @@ class WorldMaintenanceNode(SuiteNode):
             return
         goal = VerifyObject.Goal(
             header=self._header(), object_id=task.object_id, class_name=task.class_name, sensor=task.sensor,
-            region=box_region(task.region[0], task.region[1] + BODY), attributes=self._attributes(task),
-            timeout=Duration(seconds=self.settings.verify_timeout).to_msg(),
+            region=box_region(task.region[0], task.region[1] + BODY),
+            attributes=attribute_messages(task.attributes, task.quantities),
+            timeout=duration_message(self.settings.verify_timeout),
         )  # fmt: skip
         self._verifying, self._asked = True, (self._now(), time.monotonic())
         self._verifier.send(goal, lambda answer: self._verified(task, answer))
@@ -317,16 +304,11 @@ class WorldMaintenanceNode(SuiteNode):
         """Whether something lost is searched for, or waits until it can be."""
         return self._finder is not None and self._finder.look(state, self._available, self._now())
 
-    def _settle(self, text: str) -> None:
-        """A search cannot be had, or has ended otherwise than wanted."""
-        self.complain(text, key="search")
-
     def _finish(self, task: VerificationTask, outcome: str) -> None:
         self._outcomes[outcome] += 1
         self._maintenance.report(task, outcome, self._now())
         self._task = None
-        if self._navigator is not None:
-            self._navigator.stop()
+        self._navigator.stop()
 
     # Helpers.
 

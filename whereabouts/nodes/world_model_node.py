@@ -11,16 +11,14 @@ from __future__ import annotations
 import time
 from collections import deque
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from vision_msgs.msg import Detection2DArray, Detection3DArray
 
-from estimation.errors import InputError
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.transforms import check_frame, frame_name
 from whereabouts.nodes.messages.world_messages import by_id
 from whereabouts.nodes.messages.world_reading import paths_from_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
@@ -62,13 +60,12 @@ class WorldModelNode(SuiteNode):
         config, symbols = settings.world, settings.symbols
         places = settings.places
         self.map_frame = frame_name(settings.map_frame)
-        if places and places.frame != self.map_frame:
-            raise InputError(
-                f"places_file is in frame '{places.frame}', '{self.map_frame}' (map_frame) expected"
-            )
+        if places:
+            check_frame("places_file", places.frame, self.map_frame)
         store = Store(settings.store_path) if settings.store_path else None
         # Nobody asks the node to look back.
         self._model = WorldModel(config, places, store, looks_back=False)
+        self.created.callback(self._close)
         if store is not None:
             store.watch()
             self.add_timer(RETRY, self._write_again)
@@ -141,24 +138,10 @@ class WorldModelNode(SuiteNode):
             self._publish(self.model.propagate(self.model.stamp), round(self.model.stamp * NANOSECONDS))
         return result
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._close()
-        return super().on_cleanup(state)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._close()
-        return super().on_shutdown(state)
-
-    def destroy_node(self) -> None:
-        """Also where the process is told to end without a transition: the store's log goes into its file."""
-        self._close()
-        super().destroy_node()
-
     def _close(self) -> None:
-        if self._model is not None:
-            if self._configured:
-                self.camera.keep(self.stamp, now=True)
-            self._model.close()
+        if self._configured:
+            self.camera.keep(self.stamp, now=True)
+        self.model.close()
         self._model, self._configured = None, False
 
     def health(self) -> Health:
@@ -204,8 +187,7 @@ class WorldModelNode(SuiteNode):
 
     def _take_evidence(self, message: EvidenceMessage, stamp: int) -> None:
         evidence, missing = self._reader.evidence(message, self._seen.of(message, stamp))
-        evidence.objects = self._without_people(evidence)
-        evidence, _ = self._usable(evidence)
+        evidence = self._of_things(evidence)
         if evidence.objects or evidence.sensor is not None or not missing:
             self._update(evidence, stamp)
         for object_id in missing:
@@ -217,8 +199,7 @@ class WorldModelNode(SuiteNode):
         if lens is not None:
             evidence.view = self.camera.view(lens, stamp, self._seen.at(lens[0], stamp))
             evidence.blocked = self.camera.says_nothing(evidence.view, stamp, lens[0])
-        evidence.objects = self._without_people(evidence)
-        self._update(self._usable(evidence, wordless=evidence.view is not None)[0], stamp)
+        self._update(self._of_things(evidence), stamp)
 
     def _take_boxes(self, message: Detection2DArray, stamp: int) -> None:
         lens = self.camera.lens_of(message, of_image=True)
@@ -232,8 +213,7 @@ class WorldModelNode(SuiteNode):
         taken = tuple(box_from_message(message.detections[index].bbox) for index in refused)
         evidence.view = replace(view, taken=taken)
         evidence.blocked = self.camera.says_nothing(view, stamp, lens[0])
-        evidence.objects = self._without_people(evidence)
-        self._update(self._usable(evidence, wordless=True)[0], stamp)
+        self._update(self._of_things(evidence), stamp)
 
     def _take_targets(self, message: TargetArray, stamp: int) -> None:
         since = None if self._targets_at is None else (stamp - self._targets_at) / NANOSECONDS
@@ -269,22 +249,20 @@ class WorldModelNode(SuiteNode):
         apart = float(np.hypot(*(np.asarray(item.position) - known.position)[:2]))
         return apart < HINT_DISTANCE + WALKING_SPEED * since
 
-    def _without_people(self, evidence: WorldEvidence) -> list[Any]:
-        """The objects that are not people, where these come by another topic."""
-        if self._targets_at is None:
-            return list(evidence.objects)
-        kept = [item for item in evidence.objects if not most_probably(item, PERSON)]
-        self._left_out += len(evidence.objects) - len(kept)
-        return kept
+    def _of_things(self, evidence: WorldEvidence) -> WorldEvidence:
+        """What is usable, without people where these come by another topic."""
+        if self._targets_at is not None:
+            kept = [item for item in evidence.objects if not most_probably(item, PERSON)]
+            self._left_out += len(evidence.objects) - len(kept)
+            evidence.objects = kept
+        return self._usable(evidence)[0]
 
-    def _usable(
-        self, evidence: WorldEvidence, wordless: bool = False
-    ) -> tuple[WorldEvidence, dict[int, str]]:
+    def _usable(self, evidence: WorldEvidence) -> tuple[WorldEvidence, dict[int, str]]:
         """Without detections of classes or attributes that nobody knows: these are said and counted.
 
-        wordless : what known objects they may be of still counts.
+        Of those in a view, what known objects they may be of still counts.
         """
-        kept, refused = self.model.usable(evidence, wordless)
+        kept, refused = self.model.usable(evidence, wordless=evidence.view is not None)
         self._refused += len(refused)
         for reason in refused.values():
             self.complain(f"a detection is ignored: {reason}", key="words")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 from whereabouts.system.log_errors import WriteError
 
@@ -23,46 +23,30 @@ def atomic_path(target: Path, directory: bool = False) -> Iterator[Path]:
     ------
     WriteError : the target's directory does not exist or may not be written.
     """
-    temporary = _make(target, directory)
+    if not target.parent.is_dir():
+        raise WriteError(target, f"directory {target.parent} does not exist; create it first")
+    if target.is_dir() != directory and target.exists():
+        raise WriteError(target, "is a directory" if target.is_dir() else "is a file; name a directory")
+    temporary = _beside(target)
     try:
-        yield temporary
         if directory:
+            temporary.mkdir()
+            yield temporary
             _replace_directory(temporary, target)
         else:
+            temporary.touch(exist_ok=False)
+            yield temporary
             _flush(temporary)
             temporary.replace(target)
     except OSError as error:
-        _remove(temporary)
         raise WriteError(target, f"cannot be written ({error.strerror or error})") from error
-    except BaseException:
+    finally:
         _remove(temporary)
-        raise
 
 
-def _make(target: Path, directory: bool) -> Path:
-    parent = target.parent
-    if not parent.is_dir():
-        raise WriteError(target, f"directory {parent} does not exist; create it first")
-    if target.is_dir() != directory and target.exists():
-        raise WriteError(target, "is a directory" if target.is_dir() else "is a file; name a directory")
-    prefix = f".{target.name}."
-    try:
-        if directory:
-            made = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
-            made.chmod(0o777 & ~_umask())
-            return made
-        handle, name = tempfile.mkstemp(prefix=prefix, suffix=".part", dir=parent)
-        os.close(handle)
-        Path(name).chmod(0o666 & ~_umask())  # mkstemp makes it private, a result is to be shared
-    except OSError as error:
-        raise WriteError(target, f"cannot be written ({error.strerror})") from error
-    return Path(name)
-
-
-def _umask() -> int:
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask
+def _beside(target: Path) -> Path:
+    """A path in the same directory at which nothing is."""
+    return target.with_name(f".{target.name}.{uuid4().hex[:12]}.part")
 
 
 def _flush(path: Path) -> None:
@@ -74,15 +58,14 @@ def _replace_directory(temporary: Path, target: Path) -> None:
     if not target.exists():
         temporary.rename(target)
         return
-    aside = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-    target.rename(aside / target.name)
+    aside = _beside(target)
+    target.rename(aside)
     try:
         temporary.rename(target)
     except OSError:
-        (aside / target.name).rename(target)
+        aside.rename(target)
         raise
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
+    _remove(aside)
 
 
 def _remove(path: Path) -> None:

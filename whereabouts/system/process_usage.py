@@ -31,8 +31,7 @@ class UsageMeter:
 
     period: float = 15.0
     usage: dict[str, Usage] = field(default_factory=dict)
-    _first: dict[tuple[str, int], float] = field(default_factory=dict)
-    _spent: dict[tuple[str, int], float] = field(default_factory=dict)
+    _before: dict[tuple[str, int], float] = field(default_factory=dict)
     _next: float = 0.0
 
     def look(self, processes: Mapping[str, int]) -> None:
@@ -48,9 +47,8 @@ class UsageMeter:
             except OSError:
                 continue
             entry = self.usage.setdefault(name, Usage())
-            first = self._first.setdefault((name, process), seconds)
-            self._spent[name, process] = seconds - first
-            entry.seconds = sum(spent for (own, _), spent in self._spent.items() if own == name)
+            entry.seconds += seconds - self._before.get((name, process), seconds)
+            self._before[name, process] = seconds
             entry.resident = max(entry.resident, resident)
             entry.proportional = max(entry.proportional, proportional)
 

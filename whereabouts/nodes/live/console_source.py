@@ -48,7 +48,6 @@ class LiveSource:
         self._newest: dict[str, bytes] = {}
         self._lock = threading.Lock()
         self._count = 0
-        self._asked: Shown | None = None
         self._search: Shown | None = None
         self._running: Search | None = None
         self._ended = threading.Event()
@@ -78,7 +77,7 @@ class LiveSource:
     def world(self) -> Shown:
         with self._lock:
             self._decode()
-            return {**self._heard.world(), "search": self._search}
+            return {**self._heard.world(), "search": self._search and dict(self._search)}
 
     def span(self) -> tuple[float, float] | None:
         return None if self._past is None else self._past.span()
@@ -142,7 +141,8 @@ class LiveSource:
             raise ConsoleError("the search does not run: `whereabouts run object_search` starts it")
         known = any(item["id"] == name for item in self.world()["things"])
         goal = FindObject.Goal(object_id=name) if known else self._goal_for(name)
-        asked = self._asked = self._search = {"name": name, "text": "asked", "done": False}
+        asked: Shown = {"name": name, "text": "asked", "done": False}
+        self._search = asked
         self._running = self._searches.ask(
             goal, lambda step: self._told(asked, step), lambda result: self._found(asked, result)
         )
@@ -158,20 +158,16 @@ class LiveSource:
 
     def _told(self, asked: Shown, step: FindObject.Feedback) -> None:
         # A search ends when another one is asked for: what it says last is not about the new one.
-        if asked is self._asked:
-            self._search = {**asked, "text": str(step.reason)}
-            self._count += 1
+        asked["text"] = str(step.reason)
+        self._count += 1
 
     def _found(self, asked: Shown, result: FindObject.Result) -> None:
-        if asked is self._asked:
-            found = result.code == FindObject.Result.FOUND
-            self._search = {**asked, "text": str(result.message), "done": True, "found": found}
-            self._running = None
-            self._count += 1
+        asked |= {"text": str(result.message), "done": True, "found": result.code == result.FOUND}
+        self._count += 1
 
     def _cancel(self, _: dict[str, Any]) -> str:
         running = self._running
-        if running is None:
+        if running is None or running.result is not None:
             raise ConsoleError("nothing is being searched for")
         self._answer(running.cancel(), "the search")
         return "the search is being cancelled"

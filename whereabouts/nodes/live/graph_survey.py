@@ -14,6 +14,7 @@ from whereabouts.messages.decode import UnusableMessageError
 from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.ros.private_node import leave, private_node
 from whereabouts.nodes.ros.qos import TF_STATIC_QOS, best_effort
+from whereabouts.nodes.runtime.dead_ends import full_name
 from whereabouts.robot.bags import look_at_message
 from whereabouts.robot.survey import CLOUD, IMU, ODOMETRY, SCAN, TF, Seen, Survey
 
@@ -62,7 +63,7 @@ class _Listener:
             if not infos:
                 continue
             seen = self.survey.topics.setdefault(name, Seen(name, kinds[0]))
-            seen.publishers = tuple(sorted(_full_name(info) for info in infos))
+            seen.publishers = tuple(sorted(map(full_name, infos)))
             seen.qos = tuple(_offer(info.qos_profile) for info in infos)
             if name not in self._subscribed and kinds[0] in (*HEARD, DIAGNOSTICS):
                 self._subscribed.add(name)
@@ -98,10 +99,6 @@ class _Listener:
                 if said.level != b"\0" or drops:
                     self.survey.troubles.append(f"{name}: {'; '.join([said.message, *drops])}")
         return self.survey
-
-
-def _full_name(info: Any) -> str:
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def _offer(profile: QoSProfile) -> Qos:

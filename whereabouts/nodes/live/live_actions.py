@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from estimation.errors import InputError
 from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError
@@ -17,6 +18,7 @@ from world_model.questions.answers import clean
 from world_model.questions.naming import PREPOSITIONS, in_known_words, plain, sort_of, things_named
 
 LONGEST = 24 * 3600.0
+MAP_PATIENCE = 60.0  # s that writing or reading a map may take
 
 
 @dataclass(frozen=True)
@@ -119,33 +121,34 @@ def _outcome(result: FindObject.Result) -> Done:
 def verify(client: Client, object_id: str) -> Done:
     """Have the robot look at an object again. Raises NoWorldError where no node world_maintenance runs."""
     request = TriggerVerification.Request(object_id=object_id, requester="a question")
-    answer = client.call(TriggerVerification, "world_maintenance/trigger", request)
-    return Done(answer.code == answer.SUCCESS, answer.message or f"{object_id} will be looked at next.")
+    return _asked(client, TriggerVerification, "world_maintenance/trigger", request)
 
 
 def forget(client: Client, object_id: str) -> Done:
     """Take an object out of the world for good. Raises NoWorldError."""
-    answer = client.call(ForgetObject, "world_model/forget", ForgetObject.Request(object_id=object_id))
-    return Done(answer.code == answer.SUCCESS, answer.message)
+    request = ForgetObject.Request(object_id=object_id)
+    return _asked(client, ForgetObject, "world_model/forget", request)
 
 
 def relabel(client: Client, object_id: str, class_name: str) -> Done:
     """Correct the class of an object. Raises NoWorldError."""
     request = RelabelObject.Request(object_id=object_id, class_name=class_name)
-    answer = client.call(RelabelObject, "world_model/relabel", request)
-    return Done(answer.code == answer.SUCCESS, answer.message)
+    return _asked(client, RelabelObject, "world_model/relabel", request)
 
 
 def save_map(client: Client, path: str) -> Done:
     """Have the node loop_closure write its map. Raises NoWorldError."""
-    answer = client.call(SaveMap, "loop_closure/save_map", SaveMap.Request(path=path), 60.0)
-    return Done(
-        answer.code == answer.SUCCESS, f"{answer.message}: {answer.path}" if answer.path else answer.message
-    )
+    return _asked(client, SaveMap, "loop_closure/save_map", SaveMap.Request(path=path), MAP_PATIENCE)
 
 
 def load_map(client: Client, path: str, extend: bool) -> Done:
     """Have the node loop_closure read a map and localise in it. Raises NoWorldError."""
     request = LoadMap.Request(path=path, localization_only=not extend)
-    answer = client.call(LoadMap, "loop_closure/load_map", request, 60.0)
-    return Done(answer.code == answer.SUCCESS, answer.message)
+    return _asked(client, LoadMap, "loop_closure/load_map", request, MAP_PATIENCE)
+
+
+def _asked(client: Client, kind: Any, name: str, request: Any, seconds: float = PATIENCE) -> Done:
+    """What came of a service of the suite."""
+    answer = client.call(kind, name, request, seconds)
+    path = getattr(answer, "path", "")
+    return Done(answer.code == answer.SUCCESS, f"{answer.message}: {path}" if path else answer.message)

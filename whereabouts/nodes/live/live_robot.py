@@ -17,7 +17,6 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
-from rclpy.action.client import ActionClient
 from rclpy.action.server import ActionServer, CancelResponse
 from rclpy.task import Future
 from std_msgs.msg import Bool, Header
@@ -27,6 +26,7 @@ from estimation.geometry.grid import OccupancyGrid
 from whereabouts.nodes.live.searching import ACTION, Searches
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.world_reading import grid_from_message, pose_stamped, state_from_message
+from whereabouts.nodes.navigation.goals import ACTION as NAVIGATE
 from whereabouts.nodes.navigation.goals import Navigator, navigate_type
 from whereabouts.nodes.ros.private_node import private_node
 from whereabouts.nodes.ros.qos import EVENTS, HEARD_LATCHED, LATCHED
@@ -88,11 +88,10 @@ class LiveRobot:
         self.node, self._executor = private_node("whereabouts_live")
         kind = navigate_type()
         self._server = ActionServer(
-            self.node, kind, "navigate_to_pose", partial(self._navigate, kind.Result),
+            self.node, kind, NAVIGATE, partial(self._navigate, kind.Result),
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )  # fmt: skip
-        self._client = ActionClient(self.node, kind, "navigate_to_pose")
-        self._navigator = Navigator(self._client, lambda pose: kind.Goal(pose=pose))
+        self._navigator = Navigator(self.node)
         self._base = self.node.create_publisher(Bool, "base_available", LATCHED)
         self._evidence = self.node.create_publisher(WorldEvidence, "evidence", EVENTS)
         self._searches = Searches(self.node)
@@ -109,7 +108,7 @@ class LiveRobot:
     def __exit__(self, *_: object) -> None:
         with suppress(Exception):
             self._server.destroy()
-            self._client.destroy()
+            self._navigator.close()
             self._searches.destroy()
             self.node.destroy_node()
         self.node.context.try_shutdown()
@@ -147,9 +146,9 @@ class LiveRobot:
         pose = pose_stamped(Header(frame_id="map"), np.array([*goal[:2], yaw]))
         self._reasons[_key(pose)] = (kind, reason)
         known = len(self.goals)
-        if not self.until(self._client.server_is_ready):
+        if not self.until(lambda: self._navigator.ready):
             return False
-        self._navigator.go(pose, lambda: None)
+        self._navigator.go(pose)
         return self.until(lambda: len(self.goals) > known)
 
     def stop(self) -> None:
@@ -207,7 +206,7 @@ class LiveRobot:
 
     def _search_goal(self, pose: PoseStamped) -> None:
         self._reasons[_key(pose)] = ("search", "")
-        self._navigator.go(pose, lambda: None)
+        self._navigator.go(pose)
 
     def _base_available(self, message: Bool) -> None:
         searching = self._current is not None and self._current[2].kind == "search"

@@ -6,11 +6,10 @@ In: `clicked_point` (PointStamped, RViz's tool "Publish Point"). Services: `~/pa
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from geometry_msgs.msg import PointStamped
-from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 from numpy.typing import NDArray
 from std_srvs.srv import SetBool, Trigger
@@ -20,32 +19,13 @@ from loop_closure.graph.pose_graph import Edge
 from loop_closure.motions import positions
 from loop_closure.slam.editing import nearest_closure
 from loop_closure.slam.trajectory import Slam
-from whereabouts.nodes.messages.transforms import frame_name
-from whereabouts.nodes.ros.base import SuiteNode
+from whereabouts.nodes.messages.transforms import check_frame
 from whereabouts.system.counting import counted
 
+if TYPE_CHECKING:
+    from whereabouts.nodes.loop_closure_node import LoopClosureNode
+
 REACH = 3.0  # metres from a clicked point within which a closure is meant
-
-
-class Mapping(Protocol):
-    """What the node lets be done to its map."""
-
-    @property
-    def slam(self) -> Slam:
-        """The map in use."""
-
-    @property
-    def extends(self) -> bool:
-        """Whether scans are added to it."""
-
-    def map_now(self) -> OccupancyGrid:
-        """The map with all that is known. Raises InputError where there is none yet."""
-
-    def map_edited(self, before: NDArray[np.float64]) -> None:
-        """Everything is to be published anew; `before` : `slam.pose` as it was."""
-
-    def look_anew(self) -> None:
-        """Look for the robot in the whole map. Raises InputError where there is none yet."""
 
 
 class MapEditing:
@@ -54,8 +34,8 @@ class MapEditing:
     paused : whether scans are to be left out of the map.
     """
 
-    def __init__(self, node: SuiteNode, mapping: Mapping, map_frame: str) -> None:
-        self._node, self._mapping, self._frame = node, mapping, frame_name(map_frame)
+    def __init__(self, node: LoopClosureNode) -> None:
+        self._node = node
         self.paused = False
         self._clicked: NDArray[np.float64] | None = None
         # A person, not a sensor: its stamp says nothing about the run.
@@ -65,37 +45,32 @@ class MapEditing:
         node.add_service(GetMap, "~/dynamic_map", self._get)
 
     def _take_point(self, message: PointStamped, stamp: int) -> None:
-        frame = frame_name(message.header.frame_id)
-        if frame != self._frame:
-            raise InputError(f"clicked_point in frame {frame!r}: {self._frame!r} expected")
+        check_frame("clicked_point", message.header.frame_id, self._node.settings.map_frame)
         self._clicked = np.array([message.point.x, message.point.y])
 
-    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _pause(self, request: SetBool.Request, _: SetBool.Response) -> str:
         self.paused = bool(request.data)
-        response.success = True
-        response.message = "scans are left out of the map" if self.paused else "scans are added to the map"
-        return response
+        return "scans are left out of the map" if self.paused else "scans are added to the map"
 
-    def _remove(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _remove(self, _request: Trigger.Request, _: Trigger.Response) -> str:
         """Take out the closure at the clicked point, or the last one; each click counts once."""
-        if not self._mapping.extends:
+        if not self._node.extends:
             raise InputError("a map in which the robot is only localised is not changed")
-        slam = self._mapping.slam
+        slam = self._node.slam
         point, self._clicked = self._clicked, None
         edge = self._meant(slam, point)
         at = positions(slam.graph.poses)[edge.b]
         first, second = slam.keyframes[edge.a].stamp, slam.keyframes[edge.b].stamp
         before = slam.pose
         count = slam.remove_closure(edge)
-        self._mapping.map_edited(before)
+        self._node.map_edited(before)
         left = sum(item.closure for item in slam.graph.edges)
-        response.success = True
-        response.message = (
+        done = (
             f"the revisit at ({at[0]:.1f}, {at[1]:.1f}) of scans at {first:.1f} s and {second:.1f} s: "
             f"{counted(count, 'closure')} taken out, {counted(left, 'is', 'are')} left"
         )
-        self._node.get_logger().info(response.message)
-        return response
+        self._node.get_logger().info(done)
+        return done
 
     def _meant(self, slam: Slam, point: NDArray[np.float64] | None) -> Edge:
         """The closure that a person means by a point; without one the newest."""
@@ -113,6 +88,5 @@ class MapEditing:
             )
         return edge
 
-    def _get(self, request: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
-        response.map = self._mapping.map_now()
-        return response
+    def _get(self, _: GetMap.Request, response: GetMap.Response) -> None:
+        response.map = self._node.map_now()

@@ -13,7 +13,7 @@ from estimation.geometry.grid import is_grid_file
 from loop_closure.maps.map_file import is_map, write_map
 from whereabouts.nodes.mapping.map_in_use import MapInUse
 from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
-from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.transforms import check_frame
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.system.atomic import atomic_path
 from whereabouts.system.counting import counted
@@ -37,13 +37,9 @@ class MapFiles:
         if len(self._map.slam.keyframes) and self._map.localizer is None and self._map.earlier is None:
             self._write(Path(self._node.settings.map_file))
 
-    def _save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
+    def _save(self, request: SaveMap.Request, response: SaveMap.Response) -> str:
         response.path = str(self.save_map(self.named(request.path, making=True)))
-        response.code, response.message = (
-            SaveMap.Response.SUCCESS,
-            f"{counted(len(self._map.slam.keyframes), 'keyframe')} written",
-        )
-        return response
+        return f"{counted(len(self._map.slam.keyframes), 'keyframe')} written"
 
     def save_map(self, stem: Path) -> Path:
         """Write the map's files. Raises InputError where there is no map, or a file is foreign."""
@@ -51,10 +47,9 @@ class MapFiles:
             raise InputError("there is no map yet")
         return self._write(stem)
 
-    def load_map(self, stem: Path) -> int:
-        """Take a saved map, as at the start; returns how many keyframes it has. Raises InputError."""
-        path = stem.with_name(f"{stem.name}.npz")
-        return self._map.begin_with(path, self._node.settings.localization_only, None)
+    def load_map(self, stem: Path, localization_only: bool, initial: Array | None = None) -> int:
+        """Take a saved map, see `MapInUse.begin_with`; returns how many keyframes it has. Raises InputError."""
+        return self._map.begin_with(stem.with_name(f"{stem.name}.npz"), localization_only, initial)
 
     def _write(self, stem: Path) -> Path:
         """Each file appears whole; what is there already stays until then."""
@@ -70,19 +65,14 @@ class MapFiles:
             write_map(self._map.slam, file)
         return target
 
-    def _load(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
-        path = self.named(request.path)
+    def _load(self, request: LoadMap.Request, _: LoadMap.Response) -> str:
         initial: Array | None = None
-        frame = frame_name(request.initial_pose.header.frame_id)
+        frame = request.initial_pose.header.frame_id
         if frame:
-            if frame != frame_name(self._node.settings.map_frame):
-                raise InputError(
-                    f"initial_pose in frame {frame!r}: {self._node.settings.map_frame!r} expected"
-                )
+            check_frame("initial_pose", frame, self._node.settings.map_frame)
             initial = pose_from_message(request.initial_pose.pose)[PLANAR]
-        count = self._map.begin_with(path.with_name(path.name + ".npz"), request.localization_only, initial)
-        response.code, response.message = LoadMap.Response.SUCCESS, f"{counted(count, 'keyframe')} read"
-        return response
+        count = self.load_map(self.named(request.path), request.localization_only, initial)
+        return f"{counted(count, 'keyframe')} read"
 
     def named(self, name: str, making: bool = False) -> Path:
         """Stem of the files that a request names. Raises InputError for what requests may not name."""

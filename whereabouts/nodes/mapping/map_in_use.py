@@ -36,18 +36,13 @@ class MapInUse:
     mounting (3,) : of the sensor on the robot. correction (6,) : of the odometry frame of tf. located : whether the
     robot is found. changed : whether anything has to be published anew.
 
-    for_tf : takes a correction of the odometry in use to that of tf. anew : called when another map begins. aside : a
-    process that smooths.
+    for_tf : takes a correction of the odometry in use to that of tf. aside : a process that smooths.
     """
 
     def __init__(
-        self,
-        node: SuiteNode,
-        for_tf: Callable[[Array], Array],
-        anew: Callable[[], None],
-        aside: SmootherProcess | None = None,
+        self, node: SuiteNode, for_tf: Callable[[Array], Array], aside: SmootherProcess | None = None
     ) -> None:
-        self._node, self._for_tf, self._anew, self._aside = node, for_tf, anew, aside
+        self._node, self._for_tf, self._aside = node, for_tf, aside
         self.earlier: EarlierMap | None = None
 
     def start(self) -> None:
@@ -71,7 +66,6 @@ class MapInUse:
         self.localizer: Localizer | None = None
         self.extend = True
         self.grid = MapGrid(settings.resolution)
-        self._anew()
         self.place: Array | None = None  # (2,) of the sensor in the map, where it is known
 
     def next_run(self) -> None:
@@ -89,25 +83,24 @@ class MapInUse:
 
     def take_correction(self) -> None:
         """Where odometry begins, by the map that is being made."""
-        correction = self.slam.correction
+        self._correct(self.slam.correction, self.slam.pose)
+
+    def _correct(self, correction: Array, pose: Array) -> None:
+        """The correction and the pose of the sensor are known."""
         flat = planar(correction)
         self.correction = self._for_tf(spatial(correction) if flat else pose_from_matrix(correction))
         if flat:
-            self.place = self.slam.pose[:2]
+            self.place = pose[:2]
 
     def locate(self, scan: Scan | Array, odometry: Array) -> None:
         """Where the robot is in a saved map, by its next scan or cloud."""
         assert self.localizer is not None
-        located = self.localizer.process(scan, odometry)
+        located, correction = self.localizer.process(scan, odometry), self.localizer.correction
         self.located = located.pose is not None
-        if located.pose is not None and planar(located.pose):
-            self.place = located.pose[:2]
-        correction = self.localizer.correction
-        if correction is None:
+        if located.pose is None or correction is None:
             self.correction = None
             return
-        spread = spatial(correction) if planar(correction) else pose_from_matrix(correction)
-        self.correction = self._for_tf(spread)
+        self._correct(correction, located.pose)
         if located.sure and self.extend:
             self._node.get_logger().info("the robot was found in the map, which is extended from here on")
             self.slam.resume(correction)
@@ -153,7 +146,6 @@ class MapInUse:
     def _look_in(self, slam: Slam, extend: bool, initial: Array | None = None) -> None:
         self.slam = slam
         self.grid, self.place = MapGrid(self._node.settings.resolution), None
-        self._anew()
         start = None if initial is None else compound(initial, self.mounting)
         self.localizer = Localizer(slam.keyframes, slam.graph.poses, start)
         self.extend = extend

@@ -18,7 +18,7 @@ from estimation.geometry.poses import compound, inverse, pose_from_matrix
 from estimation.geometry.tiles import VIEW_CELLS, TileView
 from loop_closure.maps.map_grid import MapGrid, map_points
 from whereabouts.nodes.mapping.map_in_use import MapInUse
-from whereabouts.nodes.messages.conversions import PLANAR, cloud_message
+from whereabouts.nodes.messages.conversions import cloud_message, spatial
 from whereabouts.nodes.messages.map_messages import grid_message, marker_messages, packed_path, update_message
 from whereabouts.nodes.messages.stamps import time_message
 from whereabouts.nodes.messages.transforms import frame_name
@@ -36,29 +36,28 @@ class MapOutput:
         self._most = most
         self._whole = node.add_output(GridMessage, "map", LATCHED)
         self._updates = node.add_output(OccupancyGridUpdate, "map_updates")
-        self._view: TileView | None = None  # that was sent last
+        self._sent: tuple[MapGrid, TileView] | None = None  # last
 
-    def forget(self) -> None:
-        """Begin anew: the next map is sent whole."""
-        self._view = None
+    def _shown(self, grid: MapGrid) -> TileView | None:
+        """What was sent last of a grid; None of one that is new."""
+        return self._sent[1] if self._sent is not None and self._sent[0] is grid else None
 
-    @property
-    def updates_wanted(self) -> bool:
+    def updates_wanted(self, grid: MapGrid) -> bool:
         """Whether somebody listens to what changes of a map that was sent."""
-        return self._view is not None and self._updates.wanted
+        return self._shown(grid) is not None and self._updates.wanted
 
     def outdated(self, grid: MapGrid, around: Array | None) -> bool:
         """Whether another part of an unchanged map has to be shown, as the robot has moved on."""
-        view = self._view
+        view = self._shown(grid)
         return view is not None and view.left_out > 0 and grid.tiles.view(around, self._most) != view
 
     def send(self, header: Header, grid: MapGrid, around: Array | None) -> None:
         """Send the map whole; `around` (2,) : where the robot is, metres, if that is known."""
-        self._view = grid.tiles.view(around, self._most)
+        view = grid.tiles.view(around, self._most)
+        self._sent = grid, view
         grid.changed()
-        self._whole.publish(grid_message(header, grid.tiles, self._view))
-        left_out = grid.left_out(self._view)
-        if left_out:
+        self._whole.publish(grid_message(header, grid.tiles, view))
+        if left_out := grid.left_out(view):
             self._node.complain(f"map: {left_out}", key="map left out")
 
     def message(self, header: Header, grid: MapGrid, around: Array | None) -> GridMessage:
@@ -67,8 +66,8 @@ class MapOutput:
 
     def send_changes(self, header: Header, grid: MapGrid, around: Array | None) -> None:
         """Send the box of what has changed; the whole map if another part of it is to be shown."""
-        view = grid.tiles.view(around, self._most)
-        if self._view is None or (view.low, view.shape) != (self._view.low, self._view.shape):
+        view, shown = grid.tiles.view(around, self._most), self._shown(grid)
+        if shown is None or (view.low, view.shape) != (shown.low, shown.shape):
             self.send(header, grid, around)
             return
         changed = np.array(list(grid.changed()), dtype=np.int64).reshape(-1, 2) - view.low
@@ -82,10 +81,10 @@ class MapOutput:
 
 
 class MapPublisher:
-    """Outputs of a map, in its frame. output : of the grid."""
+    """Outputs of a map, in its frame."""
 
-    def __init__(self, node: SuiteNode, made: MapInUse, output: MapOutput) -> None:
-        self._map, self._output = made, output
+    def __init__(self, node: SuiteNode, made: MapInUse) -> None:
+        self._map, self._output = made, MapOutput(node)
         self._frame = frame_name(node.settings.map_frame)
         self._path = node.add_output(PathMessage, "trajectory", LATCHED)
         self._points = node.add_output(PointCloud2, "map_points", LATCHED)
@@ -121,7 +120,7 @@ class MapPublisher:
     def send_changes(self, stamp: int | None) -> None:
         """What has changed of the grid."""
         made = self._map
-        if made.changed and stamp is not None and self._output.updates_wanted:
+        if made.changed and stamp is not None and self._output.updates_wanted(made.grid):
             made.draw()
             self._output.send_changes(self._header(stamp), made.grid, made.place)
 
@@ -141,6 +140,4 @@ class MapPublisher:
         poses = self._map.slam.graph.poses
         if poses.ndim == 3:
             return pose_from_matrix(poses)
-        spatial_poses = np.zeros((len(poses), 6))
-        spatial_poses[:, PLANAR] = compound(poses, inverse(self._map.mounting))
-        return spatial_poses
+        return spatial(compound(poses, inverse(self._map.mounting)))

@@ -6,7 +6,6 @@ from array import array
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Quaternion
 from nav_msgs.msg import Odometry as OdometryMessage
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from registration import Scan
 from registration.crf.online import Segmented
 from whereabouts.messages import decode
 from whereabouts.nodes.messages.markers import point
+from whereabouts.nodes.messages.stamps import duration_message
 from whereabouts_msgs.msg import ScanSegments, Segment
 
 Array = NDArray[np.float64]
@@ -77,11 +77,10 @@ def segments_message(header: Header, segmented: Segmented, mirrored: bool = Fals
     message.probabilities = array_of("f", np.nan_to_num(segmented.probabilities).astype(np.float32))
     sign = np.array([1.0, -1.0, -1.0]) if mirrored else np.ones(3)
     for segment in segmented.segments:
-        seconds = round(segment.interval * 1e9)
         told = Segment(label=segment.label, probability=segment.probability)
         told.motion = sign * segment.motion
         told.covariance = (sign[:, None] * segment.covariance * sign).reshape(9)
-        told.interval = Duration(sec=seconds // 1_000_000_000, nanosec=seconds % 1_000_000_000)
+        told.interval = duration_message(segment.interval)
         message.segments.append(told)
     return message
 
@@ -115,9 +114,9 @@ def fill_pose(pose: Any, value: Array) -> None:
 
 
 def spatial(planar: Array) -> Array:
-    """(3,) x, y, yaw as (6,)."""
-    pose = np.zeros(6)
-    pose[PLANAR] = planar
+    """(..., 3) x, y, yaw as (..., 6)."""
+    pose = np.zeros((*planar.shape[:-1], 6))
+    pose[..., PLANAR] = planar
     return pose
 
 

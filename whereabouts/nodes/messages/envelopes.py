@@ -34,10 +34,7 @@ SEQUENCE = re.compile(r"^sequence<(.*?)(?:, \d+)?>$")
 FIXED = re.compile(r"^(.*)\[(\d+)\]$")
 FLOATS = ("float", "double", "float32", "float64")
 WORDS = ("string", "wstring")
-BYTES = {
-    "float": 4, "float32": 4, "int32": 4, "uint32": 4, "double": 8, "float64": 8, "int64": 8, "uint64": 8,
-    "int16": 2, "uint16": 2,
-}  # fmt: skip
+ELEMENT = 200  # bytes of a message or a string in a list, more or less
 # What is told apart in a list by it, so that a complaint can name it.
 NAMES = ("id", "label", "object_id", "child_frame_id")
 
@@ -84,15 +81,13 @@ class Envelope:
 
     def __init__(self, kind: Any) -> None:
         self.check: Check = _compiled(kind)
-        self._arrays = [
-            (name, BYTES.get(inner, 1 if "/" not in inner else 200))
-            for name, told in kind.get_fields_and_field_types().items()
-            if (inner := _element(told)) is not None
-        ]
+        fields = kind.get_fields_and_field_types()
+        self._lists = [name for name, told in fields.items() if SEQUENCE.match(told)]
 
     def size(self, message: Any) -> int:
         """Bytes a message takes, more or less: those of its lists."""
-        return 64 + sum(width * len(getattr(message, name)) for name, width in self._arrays)
+        lists = [getattr(message, name) for name in self._lists]
+        return 64 + sum(len(values) * getattr(values, "itemsize", ELEMENT) for values in lists)
 
 
 @cache
@@ -106,23 +101,14 @@ def type_name(kind: Any) -> str:
     return f"{kind.__module__.partition('.')[0]}/{kind.__name__}"
 
 
-def _element(told: str) -> str | None:
-    """Type of the elements of a list without fixed length."""
-    found = SEQUENCE.match(told)
-    return found[1] if found else None
-
-
 @cache
 def _compiled(kind: Any) -> Check:
     """The check of a type: straight-line code, one piece for each field."""
     owner = type_name(kind)
     space: dict[str, Any] = {
-        "outside": _outside,
-        "text": _text,
-        "covariance": _covariance,
-        "numbers": _numbers,
-    }
-    space |= {"words": _words, "each": _each, "within": _within, "gaussian": _gaussian, "inf": np.inf}
+        "outside": _outside, "text": _text, "words": _words, "numbers": _numbers, "covariance": _covariance,
+        "gaussian": _gaussian, "within": _within, "each": _each, "inf": np.inf,
+    }  # fmt: skip
     lines = ["def check(m):"]
     for name, told in kind.get_fields_and_field_types().items():
         lines += [f"    {line}" for line in _lines(owner, name, told, space)]
@@ -141,9 +127,8 @@ def _lines(owner: str, name: str, told: str, space: dict[str, Any]) -> list[str]
         if side * side == int(fixed[2]) and ("covariance" in name or name == "extent"):
             return [f"covariance({name!r}, m.{name}, {side})"]
         return [f"numbers({name!r}, m.{name}, {-GENERIC}, {GENERIC})"] if fixed[1] in FLOATS else []
-    inner = _element(told)
-    if inner is not None:
-        return _list_lines(owner, name, inner, rule, space)
+    if sequence := SEQUENCE.match(told):
+        return _list_lines(owner, name, sequence[1], rule, space)
     if "/" in told:
         space[f"check_{name}"] = _compiled(_message(told))
         return [f"within({name!r}, check_{name}, m.{name})"]

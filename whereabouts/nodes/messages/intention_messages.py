@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from builtin_interfaces.msg import Duration
 from nav_msgs.msg import OccupancyGrid
 from numpy.typing import NDArray
 from std_msgs.msg import Header
@@ -17,7 +16,8 @@ from estimation.geometry.poses import pose_to_matrix
 from tracking.intentions import Prediction
 from whereabouts.nodes.messages.conversions import pose_from_message
 from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point
-from whereabouts.nodes.messages.stamps import NANOSECONDS, seconds
+from whereabouts.nodes.messages.stamps import duration_message, seconds
+from whereabouts.nodes.messages.world_reading import grid_values
 from whereabouts_msgs.msg import (
     PredictedAlternative,
     PredictedPath,
@@ -69,15 +69,9 @@ def occupied_points(grid: OccupancyGrid, occupied_from: int) -> Array:
     ------
     InputError : a resolution that is not above zero, or another number of cells than it says.
     """
-    info = grid.info
-    if not info.resolution > 0.0 or len(grid.data) != info.width * info.height:
-        raise InputError(
-            f"grid of {info.width} by {info.height} cells of {info.resolution} m with {len(grid.data)} values"
-        )
-    cells = np.asarray(grid.data, dtype=np.int8).reshape(info.height, info.width)
-    row, column = np.nonzero(cells >= occupied_from)
-    local = np.column_stack((column + 0.5, row + 0.5)) * info.resolution
-    matrix = pose_to_matrix(pose_from_message(info.origin))
+    row, column = np.nonzero(grid_values(grid) >= occupied_from)
+    local = np.column_stack((column + 0.5, row + 0.5)) * grid.info.resolution
+    matrix = pose_to_matrix(pose_from_message(grid.info.origin))
     return np.asarray(local @ matrix[:2, :2].T + matrix[:2, 3])
 
 
@@ -86,7 +80,7 @@ def paths_message(
 ) -> PredictedPathArray:
     """All predictions, by label, from the header's stamp on."""
     start = seconds(header.stamp)
-    message = PredictedPathArray(header=header, horizon=_duration(horizon))
+    message = PredictedPathArray(header=header, horizon=duration_message(horizon))
     for label, told in sorted(predictions.items()):
         path = PredictedPath(label=label)
         path.goals = [point(goal) for goal in told.goals]
@@ -169,14 +163,9 @@ def _points(
     places = np.column_stack([np.interp(start + after, path[:, 2], path[:, a]) for a in (0, 1)])
     return [
         PredictedPoint(
-            time_from_start=_duration(float(t)),
+            time_from_start=duration_message(float(t)),
             position=point(place),
             covariance=covariances[k].ravel().tolist(),
         )
         for t, place, k in zip(after, places, index, strict=True)
     ]
-
-
-def _duration(after: float) -> Duration:
-    total = round(after * NANOSECONDS)
-    return Duration(sec=total // NANOSECONDS, nanosec=total % NANOSECONDS)

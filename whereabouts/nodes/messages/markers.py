@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, Vector3
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker
@@ -34,3 +34,8 @@ def marker(
 def point(at: Array, z: float = 0.0) -> Point:
     """A place (2 | 3,) m; z : where it has none of its own."""
     return Point(x=float(at[0]), y=float(at[1]), z=float(at[2]) if len(at) == 3 else z)
+
+
+def vector(values: Array) -> Vector3:
+    """Three numbers (3,) as a message."""
+    return Vector3(**dict(zip("xyz", map(float, values), strict=True)))

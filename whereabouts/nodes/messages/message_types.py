@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 import sys
 from functools import cache
 from pathlib import Path
@@ -12,9 +13,7 @@ from typing import Any
 from estimation.errors import WhereaboutsError
 
 SEPARATOR = "=" * 80
-PRIMITIVES = frozenset(
-    "bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64 string wstring".split()  # noqa: SIM905
-)
+MESSAGE = re.compile(r"(\w+)/(\w+)")  # in the type of a field
 
 
 class UnknownTypeError(WhereaboutsError):
@@ -49,12 +48,11 @@ def definition(type_name: str) -> str:
         if path is None:
             return ""
         parts[current] = path.read_text(encoding="utf-8")
-        waiting += _used_types(current, parts[current])
+        fields = message_class(current).get_fields_and_field_types()
+        waiting += [f"{package}/msg/{name}" for package, name in MESSAGE.findall(" ".join(fields.values()))]
     first, *others = parts.items()
-    texts = [first[1]]
-    for name, text in others:
-        texts.append(f"{SEPARATOR}\nMSG: {name.replace('/msg/', '/')}\n{text}")
-    return "\n".join(texts)
+    texts = [f"{SEPARATOR}\nMSG: {name.replace('/msg/', '/')}\n{text}" for name, text in others]
+    return "\n".join([first[1], *texts])
 
 
 def _definition_file(type_name: str) -> Path | None:
@@ -65,19 +63,3 @@ def _definition_file(type_name: str) -> Path | None:
         if path.exists():
             return path
     return None
-
-
-def _used_types(type_name: str, text: str) -> list[str]:
-    """Types of the fields of a definition that are messages themselves."""
-    package = type_name.partition("/")[0]
-    used = []
-    for line in text.splitlines():
-        words = line.partition("#")[0].split()
-        if len(words) < 2 or "=" in words[1]:
-            continue
-        base = words[0].partition("[")[0].partition("<")[0]
-        if base in PRIMITIVES:
-            continue
-        owner, slash, name = base.partition("/")
-        used.append(f"{owner}/msg/{name.removeprefix('msg/')}" if slash else f"{package}/msg/{base}")
-    return used

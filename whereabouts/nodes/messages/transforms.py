@@ -146,6 +146,12 @@ def frame_name(name: str) -> str:
     return name.lstrip("/")
 
 
+def check_frame(what: str, frame: str, map_frame: str) -> None:
+    """Raises InputError where something that has to be in the frame of the map is in another."""
+    if frame_name(frame) != frame_name(map_frame):
+        raise InputError(f"{what} is in frame '{frame}', expected '{map_frame}' (map_frame)")
+
+
 def pose_of(t: Any, r: Any) -> Matrix:
     """Position and quaternion (x, y, z, w) of a message's position and orientation, checked, (7,)."""
     pose = [t.x, t.y, t.z, r.x, r.y, r.z, r.w]

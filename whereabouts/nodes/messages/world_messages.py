@@ -17,10 +17,10 @@ from estimation.errors import InputError
 from estimation.geometry.places import Place
 from estimation.geometry.rotations import rotation_from_quaternion
 from whereabouts.nodes.messages.conversions import FREE
-from whereabouts.nodes.messages.markers import Rgb, colour, marker, point
+from whereabouts.nodes.messages.markers import Rgb, colour, marker, point, vector
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
-from whereabouts.nodes.messages.world_reading import box_region, distribution_message
-from whereabouts_msgs.msg import Attribute, GaussianDistribution, Region, WorldHypotheses
+from whereabouts.nodes.messages.world_reading import attribute_messages, box_region, distribution_message
+from whereabouts_msgs.msg import Region, WorldHypotheses
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import WorldObject, WorldState
@@ -62,15 +62,7 @@ def object_message(item: WorldObject, transform: Array) -> ObjectMessage:
     message = ObjectMessage(
         id=item.id,
         class_distribution=distribution_message(item.attributes.get("class", {})),
-        properties=[
-            Attribute(name=name, discrete=distribution_message(values))
-            for name, values in item.attributes.items()
-            if name != "class"
-        ]
-        + [
-            Attribute(name=name, continuous=GaussianDistribution(mean=[mean], covariance=[variance]))
-            for name, (mean, variance) in item.quantities.items()
-        ],
+        properties=attribute_messages(item.attributes, item.quantities),
         predicates=list(item.predicates),
         pose=pose_message(item, transform),
         behaviors=distribution_message(item.behaviors),
@@ -86,8 +78,7 @@ def object_message(item: WorldObject, transform: Array) -> ObjectMessage:
     if known is not None:
         width, height = known
         message.size = Vector3(x=width, y=width, z=height)
-    linear = message.velocity.twist.linear
-    linear.x, linear.y, linear.z = (float(v) for v in transform[:3, :3] @ item.velocity)
+    message.velocity.twist.linear = vector(transform[:3, :3] @ item.velocity)
     if item.lost and item.region is not None:
         message.region = box_message(item.region)
     return message
@@ -169,7 +160,7 @@ def marker_messages(header: Header, objects: Sequence[WorldObject], words: Words
         paint = colour(rgb, 0.3 + 0.6 * float(item.existence))
         body = marker(header, "objects", Marker.SPHERE, paint, number=index)
         spread = np.sqrt(np.maximum(item.covariance.diagonal(), 1e-4))
-        body.scale = Vector3(**dict(zip("xyz", (float(max(2.0 * s, 0.06)) for s in spread), strict=True)))
+        body.scale = vector(np.maximum(2.0 * spread, 0.06))
         body.pose.position = point(item.position)
         markers.append(body)
     return MarkerArray(markers=markers)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, Vector3
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
 from std_msgs.msg import Header
@@ -15,11 +15,17 @@ from estimation.geometry.frame_tree import TransformError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.poses import pose_from_matrix
 from whereabouts.nodes.messages.conversions import fill_pose, pose_from_message, spatial
-from whereabouts.nodes.messages.markers import point
+from whereabouts.nodes.messages.markers import point, vector
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, seconds
 from whereabouts.nodes.messages.transforms import TransformBuffer
-from whereabouts_msgs.msg import DiscreteDistribution, PredictedPathArray, Region
+from whereabouts_msgs.msg import (
+    Attribute,
+    DiscreteDistribution,
+    GaussianDistribution,
+    PredictedPathArray,
+    Region,
+)
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import WorldObject, WorldState
@@ -141,16 +147,25 @@ def grid_from_message(message: GridMessage) -> OccupancyGrid:
     ------
     InputError : sizes that do not fit, a resolution that is not positive, a map turned against its axes.
     """
+    values, pose = grid_values(message), pose_from_message(message.info.origin)
+    if abs(pose[5]) > 1e-6:
+        raise InputError(f"map: turned by {pose[5]:.3f} rad against its axes")
+    return OccupancyGrid.from_values(values, float(message.info.resolution), pose[:2])
+
+
+def grid_values(message: GridMessage) -> NDArray[np.int8]:
+    """Values (H, W) of a nav_msgs/OccupancyGrid.
+
+    Raises
+    ------
+    InputError : sizes that do not fit, a resolution that is not positive.
+    """
     info = message.info
     if not info.resolution > 0.0 or info.width * info.height != len(message.data):
         raise InputError(
             f"map: {info.width} x {info.height} cells of {info.resolution:g} m and {len(message.data)} values"
         )
-    pose = pose_from_message(info.origin)
-    if abs(pose[5]) > 1e-6:
-        raise InputError(f"map: turned by {pose[5]:.3f} rad against its axes")
-    values = np.frombuffer(message.data, dtype=np.int8).reshape(info.height, info.width)
-    return OccupancyGrid.from_values(values, float(info.resolution), pose[:2])
+    return np.frombuffer(message.data, dtype=np.int8).reshape(info.height, info.width)
 
 
 def planar_pose(transforms: TransformBuffer, target: str, source: str) -> Array | None:
@@ -176,7 +191,7 @@ def box_region(centre: Array, size: Array) -> Region:
     region = Region()
     region.center.position = point(centre)
     region.center.orientation.w = 1.0
-    region.size = Vector3(**dict(zip("xyz", map(float, size), strict=True)))
+    region.size = vector(size)
     return region
 
 
@@ -185,6 +200,21 @@ def distribution_message(values: Mapping[str, float]) -> DiscreteDistribution:
     return DiscreteDistribution(
         values=list(values), probabilities=[min(max(float(p), 0.0), 1.0) for p in values.values()]
     )
+
+
+def attribute_messages(
+    attributes: Mapping[str, Mapping[str, float]], quantities: Mapping[str, tuple[float, float]]
+) -> list[Attribute]:
+    """All that is known of an object but its class; quantities : {name: (mean, variance)}."""
+    words = [
+        Attribute(name=name, discrete=distribution_message(values))
+        for name, values in attributes.items()
+        if name != "class"
+    ]
+    return words + [
+        Attribute(name=name, continuous=GaussianDistribution(mean=[mean], covariance=[variance]))
+        for name, (mean, variance) in quantities.items()
+    ]
 
 
 def _distribution(message: DiscreteDistribution) -> dict[str, float]:

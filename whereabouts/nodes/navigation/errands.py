@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from rclpy.duration import Duration
-
+from whereabouts.nodes.messages.stamps import duration_message
 from whereabouts.nodes.ros.turns import MARK, mark_of
 from whereabouts_msgs.action import FindObject
 from world_model import WorldState
@@ -94,8 +93,9 @@ class Errands:
         self._searching, self._not_before, run = object_id, now + AGAIN, self._run
         self.said = f"{object_id} is lost: it is searched for"
         self.sent += 1
-        goal = FindObject.Goal(class_name=class_name, object_id=object_id if others else "")
-        goal.timeout = Duration(seconds=LONGEST).to_msg()
+        goal = FindObject.Goal(
+            class_name=class_name, object_id=object_id if others else "", timeout=duration_message(LONGEST)
+        )
 
         def ended(answer: Any) -> None:
             if run == self._run:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
+from rclpy.action.client import ActionClient
+from rclpy.node import Node
+from rclpy.task import Future
 
 from estimation.errors import InputError
 
@@ -17,6 +23,7 @@ Array = NDArray[np.float64]
 # A goal that the robot has not come NEARER to, m, for PATIENCE s is not reached; goals closer than SAME m are one.
 NEARER, PATIENCE, SAME = 0.1, 20.0, 0.5
 AGAIN = 1  # times that a goal which nav2 could not reach is sent once more
+ACTION = "navigate_to_pose"
 
 
 class Approach:
@@ -42,21 +49,33 @@ class Approach:
         return True
 
 
-class Navigator:
-    """Goals for nav2's `navigate_to_pose`, one at a time.
+@dataclass(eq=False)
+class _Drive:
+    """Where the robot is sent; `failed` is called where it cannot get there. again : tries left."""
 
-    client : an ActionClient of it. goal_of : makes its goal from a PoseStamped.
+    pose: PoseStamped
+    failed: Callable[[], None]
+    again: int = AGAIN
+    handle: Any = None
+
+
+class Navigator:
+    """Goals for nav2's `navigate_to_pose`, one at a time. wanted : false where somebody else drives to goals.
 
     Attributes
     ----------
     remaining : metres that nav2 says are left, None before it says so. recoveries : how often it had to free itself on
     the way to the goal. reason : why the last goal was not reached, in words.
+
+    Raises
+    ------
+    InputError : nav2_msgs is not installed.
     """
 
-    def __init__(self, client: Any, goal_of: Callable[[Any], Any]) -> None:
-        self._client, self._goal_of = client, goal_of
-        self._handle: Any = None
-        self._serial = 0
+    def __init__(self, node: Node, wanted: bool = True) -> None:
+        self._kind = navigate_type() if wanted else None
+        self._client = ActionClient(node, self._kind, ACTION) if wanted else None
+        self._drive: _Drive | None = None
         self.reason = ""
         self._begin()
 
@@ -64,73 +83,91 @@ class Navigator:
         self.remaining: float | None = None
         self.recoveries = 0
 
-    def go(self, pose: Any, failed: Callable[[], None]) -> bool:
+    @property
+    def ready(self) -> bool:
+        """Whether nav2 is there."""
+        return self._client is not None and bool(self._client.server_is_ready())
+
+    @property
+    def figures(self) -> dict[str, object]:
+        """What a node says of it in its diagnostics."""
+        if self._client is None:
+            return {}
+        told: dict[str, object] = {"nav2 recoveries": self.recoveries}
+        if self.remaining is not None:
+            told["nav2 metres left"] = round(self.remaining, 2)
+        return told | ({"nav2 last failure": self.reason} if self.reason else {})
+
+    def go(self, pose: PoseStamped, failed: Callable[[], None] = lambda: None) -> bool:
         """Send the robot; `failed` is called where nav2 refuses or cannot reach the goal. False where there is none.
 
         A goal that nav2 gives up with an error is sent once more: people step aside. One that it drops without an
         error has made way for somebody else's.
         """
+        if self._client is None:
+            return True
         self.stop()
-        if not self._client.server_is_ready():
+        if not self.ready:
             self.reason = "no node offers navigate_to_pose"
             return False
-        self._send(pose, failed, AGAIN)
+        self._drive = _Drive(pose, failed)
+        self._send(self._drive)
         return True
 
     def stop(self) -> None:
         """Nobody wants the robot there any more."""
-        self._serial += 1
         self._begin()
-        handle, self._handle = self._handle, None
-        if handle is not None:
-            handle.cancel_goal_async()
+        drive, self._drive = self._drive, None
+        if drive is not None and drive.handle is not None:
+            drive.handle.cancel_goal_async()
 
-    def _send(self, pose: Any, failed: Callable[[], None], again: int) -> None:
-        serial = self._serial
+    def close(self) -> None:
+        """Before the node goes on without it."""
+        self.stop()
+        if self._client is not None:
+            self._client.destroy()
 
-        def ended(answer: Any) -> None:
-            self._ended(serial, answer, pose, failed, again)
+    def _send(self, drive: _Drive) -> None:
+        assert self._client is not None
+        assert self._kind is not None
+        goal = self._kind.Goal(pose=drive.pose)
+        sent = self._client.send_goal_async(goal, feedback_callback=partial(self._heard, drive))
+        sent.add_done_callback(partial(self._answered, drive))
 
-        sent = self._client.send_goal_async(
-            self._goal_of(pose), feedback_callback=lambda message: self._heard(serial, message.feedback)
-        )
-        sent.add_done_callback(lambda done: self._accepted(serial, done.result(), failed, ended))
+    def _heard(self, drive: _Drive, message: Any) -> None:
+        if drive is self._drive:
+            self.remaining = float(message.feedback.distance_remaining)
+            self.recoveries = int(message.feedback.number_of_recoveries)
 
-    def _heard(self, serial: int, feedback: Any) -> None:
-        if serial == self._serial:
-            self.remaining = float(feedback.distance_remaining)
-            self.recoveries = int(feedback.number_of_recoveries)
-
-    def _accepted(
-        self, serial: int, handle: Any, failed: Callable[[], None], ended: Callable[[Any], None]
-    ) -> None:
+    def _answered(self, drive: _Drive, done: Future) -> None:
+        handle = done.result()
         accepted = handle is not None and handle.accepted
-        if serial != self._serial:
+        if drive is not self._drive:
             if accepted:
                 handle.cancel_goal_async()
-            return
-        if not accepted:
+        elif accepted:
+            drive.handle = handle
+            handle.get_result_async().add_done_callback(partial(self._ended, drive))
+        else:
             self.reason = "nav2 refuses the goal"
-            failed()
-            return
-        self._handle = handle
-        handle.get_result_async().add_done_callback(lambda done: ended(done.result()))
+            drive.failed()
 
-    def _ended(self, serial: int, answer: Any, pose: Any, failed: Callable[[], None], again: int) -> None:
-        if serial != self._serial:
-            return
-        self._handle = None
-        if answer.status != GoalStatus.STATUS_ABORTED:
+    def _ended(self, drive: _Drive, done: Future) -> None:
+        drive.handle, answer = None, done.result()
+        if drive is not self._drive or answer.status != GoalStatus.STATUS_ABORTED:
             return
         code = int(getattr(answer.result, "error_code", 0))
-        said = getattr(answer.result, "error_msg", "")
-        self.reason = f"nav2 gives up, error {code}{f': {said}' if said else ''}"
         if not code:
             self.reason = "nav2 gives up, or another goal took its place"
-        if code and again:
-            self._send(pose, failed, again - 1)
+            drive.failed()
             return
-        failed()
+        said = getattr(answer.result, "error_msg", "")
+        self.reason = f"nav2 gives up, error {code}{f': {said}' if said else ''}"
+        if drive.again:
+            drive.again -= 1
+            self._send(drive)
+        else:
+            drive.failed()
 
 
 def navigate_type() -> Any:

@@ -6,7 +6,6 @@ Out: `people_mask` (OccupancyGrid) and `people_filter_info` (CostmapFilterInfo),
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -25,42 +24,24 @@ from whereabouts.nodes.ros.qos import LATCHED
 
 Array = NDArray[np.float64]
 KEEPOUT = 0  # CostmapFilterInfo.type; base and multiplier have to be 0 and 1 with it
-NOBODY = (
-    -1
-)  # unknown: the filter leaves the costmap as it is. With 0 it would make free what is unknown there.
-
-
-@dataclass(frozen=True)
-class Reach:
-    """What of the predictions is drawn.
-
-    ways : which of them. radius : metres around each place, that of the robot included. patience : seconds without
-    people's news after which nobody is drawn.
-    """
-
-    ways: PathMarkers
-    radius: float
-    patience: float
+# Unknown: the filter leaves the costmap as it is. With 0 it would make free what is unknown there.
+NOBODY = -1
+PATIENCE = 2  # masks without people's news after which nobody is drawn
 
 
 class PeopleMask:
     """The mask of a node that predicts; it lies over the map, cell by cell, and is sent where it has changed.
-
-    Parameters
-    ----------
-    period : shortest time between masks, s. The filter warns of each in nav2's log.
 
     Raises
     ------
     InputError : nav2_msgs is not installed.
     """
 
-    def __init__(self, node: SuiteNode, period: float) -> None:
+    def __init__(self, node: SuiteNode) -> None:
         try:
             self._kind = import_module("nav2_msgs.msg").CostmapFilterInfo
         except (ImportError, AttributeError) as error:
             raise InputError(f"publish_mask: nav2_msgs is not installed ({error})") from error
-        self._node, self._period = node, period
         self._info_output = node.add_output(self._kind, "people_filter_info", LATCHED)
         self._mask_output = node.add_output(OccupancyGrid, "people_mask", LATCHED)
         self._map: MapMetaData | None = None
@@ -80,15 +61,15 @@ class PeopleMask:
         """Predictions made at a stamp, s."""
         self._people, self._stamp, self._silent = dict(people), stamp, 0
 
-    def send(self, header: Header, reach: Reach) -> None:
-        """Send the mask, if there is a map and something has changed. Called every `period` s."""
+    def send(self, header: Header, ways: PathMarkers, radius: float) -> None:
+        """Send the mask, if there is a map and something has changed; arguments as of `mask_values`."""
         self._silent += 1
-        if self._silent * self._period > max(reach.patience, 2.0 * self._period):
+        if self._silent > PATIENCE:
             self._people = {}
         info = self._map
         if info is None:
             return
-        values = mask_values(self._people, self._stamp, info, reach)
+        values = mask_values(self._people, self._stamp, info, ways, radius)
         origin = info.origin.position
         new = (info.width, info.height, info.resolution, origin.x, origin.y, values.tobytes())
         if new == self._sent:
@@ -105,26 +86,27 @@ class PeopleMask:
 
 
 def mask_values(
-    people: Mapping[int, Prediction], start: float, info: MapMetaData, reach: Reach
+    people: Mapping[int, Prediction], start: float, info: MapMetaData, ways: PathMarkers, radius: float
 ) -> NDArray[np.int8]:
     """Percent (H, W) with which somebody will be at a cell of a map; -1 where nobody will.
 
-    start : s, from which on they are predicted. Where a person is now has 100.
+    start : s, from which on they are predicted. ways : what of the predictions is drawn. radius : metres around each
+    place, that of the robot included. Where a person is now has 100.
     """
     values = np.full((info.height, info.width), NOBODY, dtype=np.int8)
     matrix = np.linalg.inv(pose_to_matrix(pose_from_message(info.origin)))
-    size = reach.radius / info.resolution
+    size = radius / info.resolution
     for told in people.values():
-        ways = [
+        drawn = [
             (share, (places @ matrix[:2, :2].T + matrix[:2, 3]) / info.resolution)
-            for share, places in reach.ways.of(told, start)
+            for share, places in ways.of(told, start)
         ]
-        every = np.concatenate([cells for _, cells in ways])
+        every = np.concatenate([cells for _, cells in drawn])
         low = np.clip(np.floor(every.min(axis=0) - size), 0, values.shape[::-1]).astype(np.int64)
         high = np.clip(np.ceil(every.max(axis=0) + size) + 1, 0, values.shape[::-1]).astype(np.int64)
         box = values[low[1] : high[1], low[0] : high[0]]
         if box.size:
-            percent = _percent(box.shape, [(share, cells - low) for share, cells in ways], size)
+            percent = _percent(box.shape, [(share, cells - low) for share, cells in drawn], size)
             box[:] = np.where(percent > 0, np.maximum(box, percent), box)
     return values
 

@@ -7,23 +7,24 @@ from __future__ import annotations
 
 from contextlib import suppress
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 from nav_msgs.srv import GetMap
 from std_srvs.srv import Empty
 
 from estimation.errors import InputError
-from whereabouts.nodes.mapping.map_editing import Mapping
 from whereabouts.nodes.mapping.map_files import MapFiles
-from whereabouts.nodes.ros.base import SuiteNode
+
+if TYPE_CHECKING:
+    from whereabouts.nodes.loop_closure_node import LoopClosureNode
 
 
 class Nav2Maps:
     """nav2's services of a map; files are named as in the node's own services, and as safe."""
 
-    def __init__(self, node: SuiteNode, mapping: Mapping, files: MapFiles) -> None:
-        self._node, self._mapping, self._files = node, mapping, files
+    def __init__(self, node: LoopClosureNode, files: MapFiles) -> None:
+        self._node, self._files = node, files
         node.add_service(GetMap, "map_server/map", self._get)
         node.add_service(Empty, "reinitialize_global_localization", self._look)
         try:
@@ -40,15 +41,13 @@ class Nav2Maps:
         for kind, name, answer in offered:
             node.add_service(kind, name, answer)
 
-    def _get(self, request: GetMap.Request, response: GetMap.Response) -> GetMap.Response:
-        response.map = self._mapping.map_now()
-        return response
+    def _get(self, _: GetMap.Request, response: GetMap.Response) -> None:
+        response.map = self._node.map_now()
 
-    def _look(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
-        self._mapping.look_anew()
-        return response
+    def _look(self, _request: Empty.Request, _: Empty.Response) -> None:
+        self._node.look_anew()
 
-    def _save(self, request: Any, response: Any) -> Any:
+    def _save(self, request: Any, response: Any) -> None:
         topics = [self._node.resolve_topic_name(name) for name in (request.map_topic or "map", "map")]
         if topics[0] != topics[1]:
             raise InputError(f"map_topic: {topics[1]} expected, got {topics[0]}")
@@ -67,9 +66,8 @@ class Nav2Maps:
         written = self._files.save_map(self._files.named(file_of(request.map_url), making=True))
         self._node.get_logger().info(f"map_saver/save_map: {written}, with .pgm and .yaml")
         response.result = True
-        return response
 
-    def _load(self, request: Any, response: Any) -> Any:
+    def _load(self, request: Any, response: Any) -> None:
         stem = self._files.named(file_of(request.map_url))
         graph, described = (stem.with_name(f"{stem.name}{ending}") for ending in (".npz", ".yaml"))
         if not graph.exists():
@@ -79,17 +77,16 @@ class Nav2Maps:
             )
             beside = "; an image alone is no map to be found in" if found else ""
             self._complain(f"{graph} is missing{beside}")
-            return response
+            return
         try:
-            self._files.load_map(stem)
+            self._files.load_map(stem, self._node.settings.localization_only)
         except InputError as error:
             response.result = response.RESULT_INVALID_MAP_DATA
             self._complain(str(error))
-            return response
+            return
         response.result = response.RESULT_SUCCESS
         with suppress(InputError):  # there is no image of clouds
-            response.map = self._mapping.map_now()
-        return response
+            response.map = self._node.map_now()
 
     def _complain(self, problem: str) -> None:
         self._node.complain(f"service map_server/load_map: {problem}", key=("load_map", problem))

@@ -14,6 +14,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Coroutine
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -59,7 +60,7 @@ class SuiteNode(LifecycleNode):
     active : whether the lifecycle state is active; inputs and timers rest otherwise.
     epoch : number of the run; counts up when time goes back. last_run : why the last one began.
     time : what the stamps of all sensors tell. turns : what is kept in a lock-step replay until it is its turn.
-    complaints : what was warned of. account : of what was sent.
+    complaints : what was warned of. account : of what was sent. created : how to take down what `setup` has made.
     sends_clouds : whether it sends messages of megabytes, clouds or maps; see `use_small_segment`.
     """
 
@@ -78,7 +79,7 @@ class SuiteNode(LifecycleNode):
         # In lock-step on recorded time: what follows has to be the same each time.
         self.replayed = bool(self.settings.report_processed and self.get_parameter("use_sim_time").value)
         self.turns = Turns(self)
-        self._created: list[tuple[Callable[[Any], object], Any]] = []
+        self.created = ExitStack()
         self.inputs: list[Input] = []
         self.outputs: list[Output] = []
         self.transforms = TransformBuffer()
@@ -127,12 +128,8 @@ class SuiteNode(LifecycleNode):
         """Subscribe a topic; options as of `Input`."""
         item = Input(self, message_type, topic, handler, **options)
         self.inputs.append(item)
-        self._created.append((self.destroy_subscription, item.subscription))
+        self.created.callback(self.destroy_subscription, item.subscription)
         return item
-
-    def goes_with(self, end: Callable[[], None]) -> None:
-        """Call `end` when what the node has set up is taken down."""
-        self._created.append((lambda _: end(), None))
 
     def add_latched_input(
         self, message_type: type, topic: str, handler: Handler, in_turn: bool = False
@@ -143,15 +140,18 @@ class SuiteNode(LifecycleNode):
     def add_action(
         self, action_type: type, name: str, execute: Callable[[Any], Coroutine[Any, Any, Any]]
     ) -> ActionServer:
-        """Serve an action by a coroutine; goals are refused while the node is inactive, cancels always accepted."""
+        """Serve an action by a coroutine; goals are refused while the node is inactive, cancels always accepted.
+
+        A `WhereaboutsError` in it becomes a result that says so, with the code REFUSED.
+        """
         server = guarded_action(self, action_type, name, execute)
-        self._created.append((lambda item: item.destroy(), server))
+        self.created.callback(server.destroy)
         return server
 
     def add_caller(self, action_type: type, name: str) -> Caller:
         """Call an action; see `Caller`."""
         caller = Caller(self, action_type, name)
-        self._created.append((lambda client: client.destroy(), caller.client))
+        self.created.callback(caller.client.destroy)
         return caller
 
     async def pause(self, seconds: float) -> None:
@@ -169,7 +169,7 @@ class SuiteNode(LifecycleNode):
     def add_output(self, message_type: type, topic: str, qos: QoSProfile | int = 10) -> Output:
         """A counted publisher that is silent while the node is inactive."""
         publisher = self.create_lifecycle_publisher(message_type, topic, qos, event_callbacks=QUIET)
-        self._created.append((self.destroy_lifecycle_publisher, publisher))
+        self.created.callback(self.destroy_lifecycle_publisher, publisher)
         output = Output(publisher)
         self.outputs.append(output)
         return output
@@ -191,12 +191,16 @@ class SuiteNode(LifecycleNode):
             self.time.call_every(period, tick)
             return
         timer = self.create_timer(period, tick)
-        self._created.append((self.destroy_timer, timer))
+        self.created.callback(self.destroy_timer, timer)
 
-    def add_service(self, service_type: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
-        """Offer a service; a `WhereaboutsError` in it becomes a refusal with its sentence, any other a failure."""
+    def add_service(self, service_type: type, name: str, callback: Callable[[Any, Any], str | None]) -> None:
+        """Offer a service.
+
+        callback : fills a response, and returns what was done in a sentence where the response has a place for that. A
+        `WhereaboutsError` in it becomes a refusal with its sentence, any other exception a failure.
+        """
         service = self.create_service(service_type, name, guarded_answer(self, service_type, name, callback))
-        self._created.append((self.destroy_service, service))
+        self.created.callback(self.destroy_service, service)
 
     def listen_to_transforms(self, on_demand: bool = False) -> None:
         """Subscribe tf and tf_static. on_demand : for nodes that seldom look where anything is; see `Input`."""
@@ -249,11 +253,6 @@ class SuiteNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._parameter_set.freeze(True)
-        done = self._configure(state)
-        self._parameter_set.freeze(done == TransitionCallbackReturn.SUCCESS)
-        return done
-
-    def _configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         try:
             self.setup()
             self.add_service(Reset, "~/reset", self._reset)
@@ -261,13 +260,13 @@ class SuiteNode(LifecycleNode):
                 topic = turn_topic(self.get_fully_qualified_name())
                 self.add_input(Empty, topic, self.turns.take, sensor=False, qos=QoSProfile(depth=10))
             self.start_run()
-        except WhereaboutsError as error:
-            self.get_logger().error(f"cannot configure: {error}")
-            self._destroy_created()
-            return TransitionCallbackReturn.FAILURE
         except Exception as error:
-            self.report_defect("configure", error)
+            if isinstance(error, WhereaboutsError):
+                self.get_logger().error(f"cannot configure: {error}")
+            else:
+                self.report_defect("configure", error)
             self._destroy_created()
+            self._parameter_set.freeze(False)
             return TransitionCallbackReturn.FAILURE
         return super().on_configure(state)
 
@@ -298,21 +297,23 @@ class SuiteNode(LifecycleNode):
         self._destroy_created()
         return super().on_shutdown(state)
 
+    def destroy_node(self) -> None:
+        """Also where the process is told to end without a transition: what is open is closed."""
+        self.created.close()
+        super().destroy_node()
+
     def _destroy_created(self) -> None:
-        for destroy, entity in reversed(self._created):
-            destroy(entity)
-        self._created.clear()
+        self.created.close()
         self.inputs.clear()
         self.outputs.clear()
         self.turns.clear()
         self.transforms = TransformBuffer()
 
-    def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+    def _reset(self, request: Reset.Request, response: Reset.Response) -> str:
         self._end_run(f"reset: {request.reason or 'it was asked for'}")
         self.time.begin()
         self.start_run()
-        response.code, response.message = Reset.Response.SUCCESS, "started afresh"
-        return response
+        return "started afresh"
 
     def _keep_house(self) -> None:
         """All that is due now and then, in one timer: each wakes the node up."""
@@ -326,7 +327,6 @@ class SuiteNode(LifecycleNode):
             self.time.mind_silence()
             for item in self.inputs:
                 item.serve_shed()
-        if self.active:
             self.account.report_connections()
 
     def _take_transforms(self, message: TFMessage, static: bool) -> None:

@@ -34,6 +34,9 @@ def guarded_action(
         try:
             await node.turns.begin(full_name)
             return await execute(handle)
+        except WhereaboutsError as error:
+            handle.abort()
+            return action_type.Result(code=action_type.Result.REFUSED, message=str(error))
         except Exception as error:
             node.report_defect(f"action {name}", error)
             handle.abort()
@@ -47,7 +50,7 @@ def guarded_action(
 
 
 def guarded_answer(
-    node: SuiteNode, service_type: Any, name: str, callback: Callable[[Any, Any], Any]
+    node: SuiteNode, service_type: Any, name: str, callback: Callable[[Any, Any], str | None]
 ) -> Callable[[Any, Any], Any]:
     """The callback of a service, which always answers; see `SuiteNode.add_service`."""
     inside = envelope(service_type.Request)
@@ -55,23 +58,25 @@ def guarded_answer(
     def answer(request: Any, response: Any) -> Any:
         try:
             inside.check(request)
-            return callback(request, response)
+            done = callback(request, response)
+            if done is not None:
+                _say(response, "SUCCESS", done)
         except WhereaboutsError as error:
-            if not _decline(response, str(error), "REFUSED"):
+            if not _say(response, "REFUSED", str(error)):
                 node.complain(f"service {name}: {error}", key=(name, str(error)))
         except OSError as error:
             node.complain(f"service {name}: {error}", key=(name, "failed"))
-            _decline(response, str(error)[:1000])
+            _say(response, "FAILED", str(error)[:1000])
         except Exception as error:
             node.report_defect(f"service {name}", error)
-            _decline(response, f"{type(error).__name__}: {error}")
+            _say(response, "FAILED", f"{type(error).__name__}: {error}")
         return response
 
     return answer
 
 
-def _decline(response: Any, sentence: str, code: str = "FAILED") -> bool:
-    """Write into a response why nothing was done; whether it has a place for that.
+def _say(response: Any, code: str, sentence: str) -> bool:
+    """Write into a response what was done, or why nothing was; whether it has a place for that.
 
     The suite's own services have a code and a message, those of std_srvs success and a message, others neither. An
     answer of nav2's that says nothing would say success.
@@ -83,6 +88,6 @@ def _decline(response: Any, sentence: str, code: str = "FAILED") -> bool:
         response.code, response.message = getattr(response, code), sentence
         return True
     if hasattr(response, "success"):
-        response.success, response.message = False, sentence
+        response.success, response.message = code == "SUCCESS", sentence
         return True
     return False

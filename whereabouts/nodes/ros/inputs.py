@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import time
 import traceback
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -41,54 +41,14 @@ Handler = Callable[[Any, int], None]
 Frames = Callable[[Any], Sequence[tuple[str, str]]]
 
 
-@dataclass
+@dataclass(eq=False)
 class Waiting:
-    """A message whose transform is still to come."""
+    """A message on its way to the handler. needed : transforms that it waits for."""
 
     message: Any
     stamp: int
     arrived: float
-
-
-class WaitingMessages:
-    """Messages whose transforms are still to come, by what they wait for, oldest stamp first."""
-
-    def __init__(self) -> None:
-        self._queues: dict[Pairs, list[Waiting]] = {}
-
-    def __len__(self) -> int:
-        return sum(map(len, self._queues.values()))
-
-    def __contains__(self, needed: Pairs) -> bool:
-        return needed in self._queues
-
-    @property
-    def kinds(self) -> list[Pairs]:
-        """What is waited for."""
-        return list(self._queues)
-
-    def add(self, needed: Pairs, waiting: Waiting) -> None:
-        """One more message, in its place."""
-        bisect.insort(self._queues.setdefault(needed, []), waiting, key=lambda item: item.stamp)
-
-    def first(self, needed: Pairs) -> Waiting | None:
-        """The oldest of those that wait for the same, if any do."""
-        return self._queues[needed][0] if needed in self._queues else None
-
-    def take_first(self, needed: Pairs) -> None:
-        """The oldest waits no longer."""
-        queue = self._queues[needed]
-        del queue[0]
-        if not queue:
-            del self._queues[needed]
-
-    def make_room(self) -> None:
-        """The oldest of the longest queue is given up."""
-        self.take_first(max(self._queues, key=lambda needed: len(self._queues[needed])))
-
-    def clear(self) -> None:
-        """Nothing waits any more."""
-        self._queues.clear()
+    needed: Pairs = ()
 
 
 class Input:
@@ -135,7 +95,7 @@ class Input:
         self._expected: bool | None = None
         self.opener = MessageOpener(message_type, packed)
         self._purse = Purse(BUDGETS.get(type_name(message_type), DEFAULT))
-        self._shed: tuple[Any, int, float] | None = None
+        self._shed: Waiting | None = None
         self._handler = handler
         self._frames = frames
         self.tells_time = sensor and self.opener.stamped
@@ -144,7 +104,7 @@ class Input:
         self.is_transforms = message_type is TFMessage
         self._latched = qos is not None and qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self._acknowledged = 0
-        self._waiting = WaitingMessages()
+        self._waiting: list[Waiting] = []  # oldest stamp first
         self._time: SourceClock[None] = SourceClock()
         self._admitted = 0.0  # when the last message was let in
         self.counts = InputCounts()
@@ -192,33 +152,34 @@ class Input:
             # Not every middleware tells when it received a message.
             received = 0 if self.on_demand else int(info.get("received_timestamp") or 0)
             queued = max(0, time.time_ns() - received) / NANOSECONDS if received else 0.0
+            waiting = Waiting(message, stamp, arrived - queued)
             if self._kept:
-                self._keep(lambda: self._guarded(message, stamp, arrived - queued))
+                self._keep(partial(self._guarded, waiting))
             else:
-                self._within_budget(message, stamp, arrived - queued)
+                self._within_budget(waiting)
         self._acknowledge(stamp, sequence)
 
-    def _within_budget(self, message: Any, stamp: int, arrived: float) -> None:
+    def _within_budget(self, waiting: Waiting) -> None:
         """Go on with a message, or keep it back instead of the one before. In lock-step there is all the time."""
         if self._node.settings.report_processed:
-            self._guarded(message, stamp, arrived)
+            self._guarded(waiting)
             return
         over = self._purse.over(time.perf_counter())
         if self._shed is not None:
             self.drop("over budget", over or "a newer one has come")
             self._shed = None
         if over:
-            self._shed = (message, stamp, arrived)
+            self._shed = waiting
             return
         begun = time.perf_counter()
-        self._guarded(message, stamp, arrived)
-        self._purse.spend(self.opener.size(message), time.perf_counter() - begun)
+        self._guarded(waiting)
+        self._purse.spend(self.opener.size(waiting.message), time.perf_counter() - begun)
 
     def serve_shed(self) -> None:
         """Handle what was kept back, once there is budget for it again."""
         if self._shed is not None and not self._purse.over(time.perf_counter()):
             kept, self._shed = self._shed, None
-            self._within_budget(*kept)
+            self._within_budget(kept)
 
     @property
     def _kept(self) -> bool:
@@ -227,22 +188,18 @@ class Input:
     def _keep(self, work: Callable[[], None]) -> None:
         self._node.turns.keep(self._node.inputs.index(self), work)
 
-    def _guarded(self, message: Any, stamp: int, arrived: float) -> None:
+    def _guarded(self, waiting: Waiting) -> None:
         try:
-            self._accept(message, stamp, arrived)
+            if self.tells_time:
+                self._node.time.follow(self, waiting)
+            else:
+                self.admit(waiting)
         except Exception as error:
             self._defect(error)
 
     def _defect(self, error: Exception) -> None:
         trace = traceback.format_exc(limit=-4)
         self.drop("internal error", f"{type(error).__name__}: {error}\n{trace}", defect=True)
-
-    def _accept(self, message: Any, stamp: int, arrived: float) -> None:
-        waiting = Waiting(message, stamp, arrived)
-        if self.tells_time:
-            self._node.time.follow(self, waiting)
-        else:
-            self.admit(waiting)
 
     def silence(self, arrived: float) -> int:
         """Time since the last message that was let in, ns."""
@@ -259,24 +216,31 @@ class Input:
         if self.tells_time:
             self.gaps.check_period(waiting.stamp)
         self._time.take(waiting.stamp, None)
-        needed = () if self._frames is None else tuple(self._frames(waiting.message))
-        if needed not in self._waiting and self._complete(needed, waiting.stamp):
-            self._handle(waiting.message, waiting.stamp, waiting.arrived)
+        if self._frames is not None:
+            waiting.needed = tuple(self._frames(waiting.message))
+        in_line = any(item.needed == waiting.needed for item in self._waiting)
+        if not in_line and self._complete(waiting):
+            self._handle(waiting)
         else:
             if len(self._waiting) >= WAITING_LIMIT:
-                self._waiting.make_room()
-                self.drop("waiting queue full", f"more than {WAITING_LIMIT} messages wait for transforms")
-            self._waiting.add(needed, waiting)
+                self._make_room()
+            bisect.insort(self._waiting, waiting, key=lambda item: item.stamp)
         self.serve_waiting(reported=True)
         if self._node.replayed:
             self._node.serve_waiting(reported=True)
         elif self.awaited:
             self._node.serve_waiting()
 
-    def _complete(self, needed: Pairs, stamp: int, over: bool = False) -> bool:
+    def _make_room(self) -> None:
+        """Give up the oldest message of those that wait for what most of them wait for."""
+        ((needed, _),) = Counter(item.needed for item in self._waiting).most_common(1)
+        self._waiting.remove(next(item for item in self._waiting if item.needed == needed))
+        self.drop("waiting queue full", f"more than {WAITING_LIMIT} messages wait for transforms")
+
+    def _complete(self, waiting: Waiting, over: bool = False) -> bool:
         """Whether all is there that belongs to a message; over : companions are not waited for any more."""
-        told = over or all(item.has_told(stamp) for item in self._companions)
-        return told and self._node.transforms.are_ready(needed, stamp)
+        told = over or all(item.has_told(waiting.stamp) for item in self._companions)
+        return told and self._node.transforms.are_ready(waiting.needed, waiting.stamp)
 
     def has_told(self, stamp: int) -> bool:
         """Whether messages up to a stamp have come, if anybody sends any."""
@@ -284,10 +248,10 @@ class Input:
             self._expected = self._node.count_publishers(self.topic) > 0
         return not self._expected or (self._time.newest is not None and self._time.newest >= stamp)
 
-    def _handle(self, message: Any, stamp: int, arrived: float) -> None:
-        self.arrived = arrived
+    def _handle(self, waiting: Waiting) -> None:
+        self.arrived = waiting.arrived
         try:
-            self._handler(message, stamp)
+            self._handler(waiting.message, waiting.stamp)
         except (InputError, TransformError) as error:
             self.drop("refused", str(error))
             return
@@ -295,7 +259,7 @@ class Input:
             self._defect(error)
             return
         self.counts.used += 1
-        self.latencies.append(time.perf_counter() - arrived)
+        self.latencies.append(time.perf_counter() - waiting.arrived)
 
     @property
     def waits(self) -> bool:
@@ -306,7 +270,7 @@ class Input:
         """Go on with what waits for it, or when it is the node's turn."""
         if self._kept:
             self.transforms_came()
-        elif self._waiting:
+        else:
             self.serve_waiting()
 
     def transforms_came(self) -> None:
@@ -321,23 +285,26 @@ class Input:
 
         reported : whether the caller is about to say what the node has published. give_up : nothing more will come.
         """
-        if self._kept and not (self._node.turns.taken or give_up):
+        if not self._waiting or (self._kept and not (self._node.turns.taken or give_up)):
             return
         timeout = round(self._node.settings.transform_timeout * NANOSECONDS)
-        for needed in self._waiting.kinds:
-            while (first := self._waiting.first(needed)) is not None:
-                over = give_up or (self._time.confirmed or 0) > first.stamp + timeout
-                if self._complete(needed, first.stamp, over):
-                    self._waiting.take_first(needed)
-                    self._handle(first.message, first.stamp, first.arrived)
-                    if not reported:
-                        # Said again, as there may be more output now.
-                        self._acknowledge(first.stamp, self._acknowledged)
-                elif over:
-                    self._waiting.take_first(needed)
-                    self.drop("no transform", self._node.transforms.missing(needed, first.stamp))
-                else:
-                    break
+        missing: set[Pairs] = set()
+        for item in tuple(self._waiting):
+            # The handler of one before may have begun a new run.
+            if item.needed in missing or item not in self._waiting:
+                continue
+            over = give_up or (self._time.confirmed or 0) > item.stamp + timeout
+            if self._complete(item, over):
+                self._waiting.remove(item)
+                self._handle(item)
+                if not reported:
+                    # Said again, as there may be more output now.
+                    self._acknowledge(item.stamp, self._acknowledged)
+            elif over:
+                self._waiting.remove(item)
+                self.drop("no transform", self._node.transforms.missing(item.needed, item.stamp))
+            else:
+                missing.add(item.needed)
 
     def refuse(self, detail: str) -> None:
         """Take back that a message was of use: its handler found out later that it makes no sense."""
@@ -353,7 +320,7 @@ class Input:
         """Forget what belongs to the run before."""
         if self._waiting:
             self.counts.drops["run ended while waiting"] += len(self._waiting)
-        self._waiting.clear()
+            self._waiting.clear()
         self._time.forget()
         self._admitted = 0.0
         self._shed = None

@@ -10,7 +10,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 
-from whereabouts.nodes.runtime.dead_ends import DeadEnds
+from whereabouts.nodes.runtime.dead_ends import DeadEnds, full_name
 from whereabouts_msgs.msg import Connections
 
 # Inputs of every node, and those that a person writes to.
@@ -94,7 +94,7 @@ class Audience:
         # Goals and results are on no topic.
         counted = [node for node in self._watched if name in self.inputs.get(node, ())]
         found = {
-            f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+            full_name(end)
             for end in self._node.get_subscriptions_info_by_topic(name)
             if tuple(end.endpoint_gid) not in self._dead
         }
@@ -103,8 +103,7 @@ class Audience:
     def _is_kept_for(self, name: str, topic: str) -> bool:
         """Whether a node that came late is given the latched message; one that asks for a volatile topic is not."""
         return any(
-            f"{end.node_namespace.rstrip('/')}/{end.node_name}" == name
-            and end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            full_name(end) == name and end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
             for end in self._node.get_subscriptions_info_by_topic(topic)
         )
 

@@ -5,11 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from rclpy.node import Node
 
 # s that participants may differ in when they give up on the same silent one.
 MARGIN = 3.0
+
+
+def full_name(end: Any) -> str:
+    """Of the node that a publisher or subscription belongs to, as the graph has it."""
+    return f"{end.node_namespace.rstrip('/')}/{end.node_name}"
 
 
 @dataclass
@@ -41,7 +47,7 @@ class DeadEnds:
             return  # It said farewell, or was never found.
         for topic, _ in topics:
             for end in self._node.get_subscriptions_info_by_topic(topic):
-                if f"{end.node_namespace.rstrip('/')}/{end.node_name}" == name:
+                if full_name(end) == name:
                     self._ends.setdefault(tuple(end.endpoint_gid), _DeadEnd(topic, now, now))
 
     def __contains__(self, gid: object) -> bool:

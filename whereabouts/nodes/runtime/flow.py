@@ -6,28 +6,8 @@ another because of it.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
-
-
-class Tally:
-    """A counter that a restarted node begins anew and that still never falls."""
-
-    def __init__(self) -> None:
-        self._before = 0
-        self._current = 0
-
-    def set(self, count: int) -> None:
-        """Take the node's own figure; reports overtake each other, so a smaller one is an older one."""
-        self._current = max(self._current, count)
-
-    def begin_anew(self) -> None:
-        """The node has ended; its successor counts from nought."""
-        self._before += self._current
-        self._current = 0
-
-    @property
-    def total(self) -> int:
-        return self._before + self._current
 
 
 class Flow:
@@ -42,37 +22,31 @@ class Flow:
     def __init__(self, subscribers: Callable[[str], list[str]], sent: Callable[[str], int]) -> None:
         self._subscribers = subscribers
         self._sent = sent
-        self._published: dict[str, dict[str, Tally]] = {}
-        self._received: dict[tuple[str, str], Tally] = {}
-        self._forgiven: dict[tuple[str, str], int] = {}
-        # Sums of the above, as they are asked for with every message: published, and received or forgiven.
-        self._total: dict[str, int] = {}
-        self._taken: dict[tuple[str, str], int] = {}
+        self._published: Counter[str] = Counter()  # by topic
+        self._received: Counter[tuple[str, str]] = Counter()  # by node and topic, with what was forgiven
+        # The last word of each node on what it has published or received.
+        self._told: dict[tuple[str, str, str], int] = {}
 
     def note(self, node: str, received: Mapping[str, int], published: Mapping[str, int]) -> None:
         """Take in what a node reports: messages it has received and published, by topic."""
         for topic, count in received.items():
-            self._received.setdefault((node, topic), Tally()).set(count)
-            self._sum_up(node, topic)
+            self._received[node, topic] += self._growth((node, "received", topic), count)
         for topic, count in published.items():
-            tallies = self._published.setdefault(topic, {})
-            tallies.setdefault(node, Tally()).set(count)
-            self._total[topic] = sum(tally.total for tally in tallies.values())
+            self._published[topic] += self._growth((node, "published", topic), count)
 
-    def _sum_up(self, node: str, topic: str) -> None:
-        received, forgiven = self._received.get((node, topic)), self._forgiven.get((node, topic), 0)
-        self._taken[node, topic] = forgiven + (0 if received is None else received.total)
+    def _growth(self, what: tuple[str, str, str], count: int) -> int:
+        """How many are new. Reports overtake each other, so a smaller figure is an older one."""
+        before = self._told.get(what, 0)
+        self._told[what] = max(before, count)
+        return self._told[what] - before
 
     def died(self, node: str) -> None:
-        """A node has ended; what it reports from now on begins anew."""
-        ended = [tally for (name, _), tally in self._received.items() if name == node]
-        ended += [tallies[node] for tallies in self._published.values() if node in tallies]
-        for tally in ended:
-            tally.begin_anew()
+        """A node has ended; its successor counts from nought."""
+        self._told = {what: count for what, count in self._told.items() if what[0] != node}
 
     def published(self, topic: str) -> int:
         """Messages of a topic that watched nodes have sent."""
-        return self._total.get(topic, 0)
+        return self._published[topic]
 
     def behind(self) -> list[str]:
         """Nodes that have yet to take in what other nodes sent them."""
@@ -83,14 +57,11 @@ class Flow:
 
         What was said to it meanwhile is lost, and what is latched has come to it once more.
         """
-        for pair, lag in self._lags().items():
-            self._forgiven[pair] = self._forgiven.get(pair, 0) + lag
-            self._sum_up(*pair)
+        self._received.update(self._lags())
 
     def _lags(self) -> dict[tuple[str, str], int]:
-        lags: dict[tuple[str, str], int] = {}
-        for topic, total in self._total.items():
-            expected = self._sent(topic) + total
-            for node in self._subscribers(topic):
-                lags[node, topic] = expected - self._taken.get((node, topic), 0)
-        return lags
+        return {
+            (node, topic): self._sent(topic) + count - self._received[node, topic]
+            for topic, count in self._published.items()
+            for node in self._subscribers(topic)
+        }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -25,7 +26,7 @@ class Recorder:
     def __init__(self, node: Node, writer: McapWriter, topics: Iterable[tuple[str, str]]) -> None:
         self._writer = writer
         self.now = time.time_ns
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
         # When each node's diagnostics came last, s of the monotonic clock.
         self.told: dict[str, float] = {}
         self.last_arrival = time.monotonic()
@@ -37,21 +38,19 @@ class Recorder:
         return [subscription.topic_name for subscription in self._subscriptions]
 
     def _subscribe(self, node: Node, name: str, type_name: str) -> Any:
-        topic: list[Topic] = []
+        topic = Topic(node.resolve_topic_name(name), type_name, definition(type_name))
         kind = message_class(type_name)
 
         def keep(data: bytes) -> None:
-            self.counts[topic[0].name] = self.counts.get(topic[0].name, 0) + 1
+            self.counts[topic.name] += 1
             # Diagnostics never end.
             if name.endswith("diagnostics"):
                 for status in deserialize_message(bytes(data), kind).status:
                     self.told[status.name] = time.monotonic()
             else:
                 self.last_arrival = time.monotonic()
-            self._writer.write_raw(topic[0], bytes(data), max(0, self.now()))
+            self._writer.write_raw(topic, bytes(data), max(0, self.now()))
 
         # A latched publisher's last message is wanted too; a volatile one is compatible only with volatile.
         latched = name.rsplit("/", 1)[-1] in ("tf_static", "map", "trajectory")
-        subscription = node.create_subscription(kind, name, keep, reliable(DEPTH, latched), raw=True)
-        topic.append(Topic(subscription.topic_name, type_name, definition(type_name)))
-        return subscription
+        return node.create_subscription(kind, name, keep, reliable(DEPTH, latched), raw=True)

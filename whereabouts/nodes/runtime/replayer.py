@@ -178,10 +178,8 @@ class Replayer:
         self._turns.note(watched, published)
         self._flow.note(watched, received, published)
 
-    def _name(self, topic: Topic) -> str:
-        return self._name_of(topic.name)
-
-    def _name_of(self, recorded: str) -> str:
+    def _name(self, recorded: str) -> str:
+        """Full name of a topic of the bag."""
         name = f"/{recorded.lstrip('/')}"
         return name if name.startswith(f"{self._namespace}/") else f"{self._namespace}{name}"
 
@@ -199,10 +197,10 @@ class Replayer:
             self.account.skipped[topic.name] = str(error)
             return
         self._publishers[topic.name] = self._node.create_publisher(
-            kind, self._name(topic), reliable(DEPTH, latched)
+            kind, self._name(topic.name), reliable(DEPTH, latched)
         )
         if latched:
-            self._latched.add(self._name(topic))
+            self._latched.add(self._name(topic.name))
 
     def run(self, on_message: Callable[[RawMessage], None] | None = None) -> ReplayAccount:
         """Send everything; returns when the watched nodes are done with it."""
@@ -247,28 +245,24 @@ class Replayer:
             self._clock.publish(Clock(clock=time_message(message.log_time)))
             self._clock_sent = message.log_time
         self._publishers[message.name].publish(bytes(message.data))
-        self._sent[self._name(message.topic)] += 1
+        self._sent[self._name(message.name)] += 1
         self.account.published[message.name] += 1
         if self._rate is None:
-            self._wait_for_answers(message.topic)
+            name = self._name(message.name)
+            self._wait_while(lambda: self._behind(name))
+            self._give_turns()
 
     def note(self, name: str) -> None:
         """Somebody else is about to send a message or a goal (by its name) that the nodes have to be done with."""
         self._sent[name] += 1
         self._noted = True
-        if name in {self._name_of(topic) for topic in self._publishers}:
+        if name in {self._name(topic) for topic in self._publishers}:
             self._foreign[name] += 1
             for node in self._audience.consumers_of(name):
                 answer = self._answers.get((node, name))
                 if answer is not None:
                     before = self._expected.get((node, name), 0)
                     self._expected[node, name] = max(before, int(answer.received)) + 1
-
-    def _wait_for_answers(self, topic: Topic) -> None:
-        """Until every watched subscriber is done with this topic's latest message and with what followed from it."""
-        name = self._name(topic)
-        self._wait_while(lambda: self._behind(name))
-        self._give_turns()
 
     def _give_turns(self) -> None:
         """Let nodes do what they have kept, until nobody has anything."""
@@ -317,12 +311,9 @@ class Replayer:
         """Who has yet to receive what others have sent on topics of the bag."""
         return [key[0] for key, count in self._expected.items() if self._answers[key].received < count]
 
-    def _own(self, name: str) -> int:
-        """The number of our last message on a topic."""
-        return self._sent[name] - self._foreign[name]
-
     def _behind(self, name: str) -> list[str]:
-        number = self._own(name)
+        """Who is not done with our last message on a topic, or else with what followed from it."""
+        number = self._sent[name] - self._foreign[name]
         direct = [node for node in self._audience.consumers_of(name) if self._answered(node, name) < number]
         return direct or self._flow.behind()
 
@@ -347,7 +338,7 @@ class Replayer:
         recorded : topics that the caller listens to.
         """
         latched = {topic for topic in self._latched if self._sent[topic]}
-        played = {self._name_of(topic) for topic in self._publishers}
+        played = {self._name(topic) for topic in self._publishers}
         return self._audience.unconnected(recorded, played, latched)
 
     def bury(self, node: str) -> None:
@@ -367,18 +358,10 @@ class Replayer:
 
     def _settle(self) -> None:
         """Let the nodes finish: until all answers are in, or no more come."""
-        deadline = time.monotonic() + PATIENCE
-        while time.monotonic() < deadline:
-            behind = [
-                node
-                for topic in self._log.topics
-                if topic.name in self._publishers
-                for node in self._audience.consumers_of(self._name(topic))
-                if self._answered(node, self._name(topic)) < self._own(self._name(topic))
-            ] + self._flow.behind()
-            if not behind:
-                return
-            before = sum(answer.received for answer in self._answers.values())
+        deadline, before = time.monotonic() + PATIENCE, 0
+        names = [self._name(recorded) for recorded in self._publishers]
+        while time.monotonic() < deadline and any(map(self._behind, names)):
             self._executor.spin_once(timeout_sec=0.2)
-            if sum(answer.received for answer in self._answers.values()) > before:
-                deadline = time.monotonic() + PATIENCE
+            received = sum(answer.received for answer in self._answers.values())
+            if received > before:
+                deadline, before = time.monotonic() + PATIENCE, received

@@ -210,9 +210,7 @@ class _CatchUp:
 
     def _behind(self) -> dict[str, int]:
         lacks = {
-            topic: self._replayer.sent_by_all(topic)
-            - self._recorder.counts.get(topic, 0)
-            - self._forgiven[topic]
+            topic: self._replayer.sent_by_all(topic) - self._recorder.counts[topic] - self._forgiven[topic]
             for topic in self._recorder.topics
             if not topic.endswith("diagnostics")
         }
@@ -221,19 +219,11 @@ class _CatchUp:
 
 def _let_recorder_finish(executor: Any, recorder: Recorder, replayer: Replayer) -> None:
     """The nodes are done; what they have sent last is still on its way."""
-
-    def quiet() -> float:
-        return time.monotonic() - recorder.last_arrival
-
     begun = time.monotonic()
-
-    def complete() -> bool:
+    while time.monotonic() < begun + PATIENCE:
         # The last word of every node is of the end.
-        last = all(recorder.told.get(name.lstrip("/"), begun) >= begun for name in replayer.watched)
-        return last and all(
-            recorder.counts.get(topic, 0) >= replayer.sent_by_nodes(topic) for topic in recorder.topics
-        )
-
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline and not (complete() and quiet() >= QUIET):
+        told = all(recorder.told.get(name.lstrip("/"), begun) >= begun for name in replayer.watched)
+        came = all(recorder.counts[topic] >= replayer.sent_by_nodes(topic) for topic in recorder.topics)
+        if told and came and time.monotonic() >= recorder.last_arrival + QUIET:
+            return
         executor.spin_once(timeout_sec=QUIET / 5)

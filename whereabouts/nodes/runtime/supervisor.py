@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from estimation.errors import WhereaboutsError
-from whereabouts.nodes.ros.host import ACTIVE_VARIABLE, SUPERVISOR_VARIABLE, Host
+from whereabouts.nodes.ros.host import ACTIVE_VARIABLE, SUPERVISOR_VARIABLE, Forked, Host
 from whereabouts.nodes.runtime.shared_memory import remove_orphans
 from whereabouts.system.resources import config_file
 
@@ -65,29 +65,12 @@ class NodeSpec:
         if os.environ.get("ROS_SECURITY_ENABLE") == "true":
             command += ["--enclave", self.full_name]
         for name, value in self.parameters.items():
-            command += ["-p", f"{name}:={_literal(value)}"]
+            literal = json.dumps(value) if isinstance(value, bool | list) else value
+            command += ["-p", f"{name}:={literal}"]
         return command
 
 
-def _literal(value: Any) -> str:
-    """A parameter value as YAML."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return json.dumps(value) if isinstance(value, list) else str(value)
-
-
-class Process(Protocol):
-    """What the supervisor needs of a process."""
-
-    pid: int
-    returncode: int | None
-
-    def poll(self) -> int | None: ...
-    def wait(self, timeout: float | None = None) -> int: ...
-    def send_signal(self, sig: int) -> None: ...
-    def kill(self) -> None: ...
-
-
+Process = subprocess.Popen[bytes] | Forked
 Launch = Callable[[list[str], Path, Mapping[str, str]], Process]
 
 
@@ -170,7 +153,7 @@ class Supervisor:
         self,
         log_directory: Path,
         restart: bool = True,
-        on_event: Callable[[str], None] | None = None,
+        on_event: Callable[[str], None] = lambda text: None,
         patient: bool = False,
         hosted: bool = False,
         host: Host | None = None,
@@ -180,7 +163,7 @@ class Supervisor:
         self._host = host
         self._log_directory = log_directory
         self._restart = restart
-        self._on_event = on_event or (lambda text: None)
+        self._on_event = on_event
         self.nodes: dict[str, ManagedNode] = {}
         self._given_up: set[str] = set()
         self._groups: set[int] = set()  # of processes, that nodes which have ended led
@@ -324,6 +307,4 @@ def _interrupt_later() -> Iterator[None]:
 
 
 def _reason(code: int) -> str:
-    if code < 0:
-        return signal.Signals(-code).name
-    return f"exit code {code}"
+    return signal.Signals(-code).name if code < 0 else f"exit code {code}"

@@ -12,7 +12,7 @@ from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.transforms import check_frame, frame_name
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.recorded.evidence_messages import SeenFrame
 
@@ -65,8 +65,7 @@ class SeenFrames:
         return np.diag([settings.position_sigma**2, settings.position_sigma**2, settings.heading_sigma**2])
 
     def _take_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
-        if frame_name(message.header.frame_id) != self._map:
-            raise InputError(f"robot_pose is in frame '{message.header.frame_id}', expected '{self._map}'")
+        check_frame("robot_pose", message.header.frame_id, self._map)
         pose_from_message(message.pose.pose)
         covariance = np.array(message.pose.covariance).reshape(6, 6)[np.ix_(PLANAR, PLANAR)]
         if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -1e-9:

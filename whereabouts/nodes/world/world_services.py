@@ -34,7 +34,7 @@ class WorldServices:
         node.add_service(RelabelObject, "~/relabel", self._relabel)
         node.add_service(SaveState, "~/save", self._save)
 
-    def _query(self, request: QueryWorld.Request, response: QueryWorld.Response) -> QueryWorld.Response:
+    def _query(self, request: QueryWorld.Request, response: QueryWorld.Response) -> str:
         moment = nanoseconds(request.time)
         frame = frame_name(request.frame_id) or self._node.map_frame
         there = self._node.transforms.lookup(self._node.map_frame, frame, self._node.stamp)
@@ -57,12 +57,9 @@ class WorldServices:
         if request.object_id and answers and not moment:
             routine = self._node.model.explain(request.object_id)
             response.descriptions[0] += f". {routine}" if routine else ""
-        response.code, response.message = response.SUCCESS, counted(len(answers), "object")
-        return response
+        return counted(len(answers), "object")
 
-    def _forget(
-        self, request: ForgetObject.Request, response: ForgetObject.Response
-    ) -> ForgetObject.Response:
+    def _forget(self, request: ForgetObject.Request, response: ForgetObject.Response) -> str:
         if not request.object_id and not request.class_name:
             raise InputError("object_id and class_name are both empty: nothing to forget")
         names = [request.object_id] if request.object_id else []
@@ -76,20 +73,16 @@ class WorldServices:
             self._node.model.forget(name)
             response.object_ids.append(name)
         self._node.after_change()
-        response.code, response.message = response.SUCCESS, f"{counted(len(names), 'object')} forgotten"
-        return response
+        return f"{counted(len(names), 'object')} forgotten"
 
-    def _relabel(
-        self, request: RelabelObject.Request, response: RelabelObject.Response
-    ) -> RelabelObject.Response:
+    def _relabel(self, request: RelabelObject.Request, _: RelabelObject.Response) -> str:
         if not request.class_name and not request.new_object_id:
             raise InputError("class_name and new_object_id are both empty: nothing to change")
         self._node.model.relabel(request.object_id, request.class_name, request.new_object_id)
         self._node.after_change()
-        response.code, response.message = response.SUCCESS, "relabelled"
-        return response
+        return "relabelled"
 
-    def _save(self, request: SaveState.Request, response: SaveState.Response) -> SaveState.Response:
+    def _save(self, request: SaveState.Request, response: SaveState.Response) -> str:
         store = self._node.model.store
         if store is None:
             raise InputError("there is no store: the parameter store_path is empty")
@@ -98,5 +91,4 @@ class WorldServices:
         self._node.model.household.write(routines_path(path))
         self._node.camera.rates.write(path.with_name(path.name + CAMERA_SUFFIX))
         response.path = str(path)
-        response.code, response.message = response.SUCCESS, "written"
-        return response
+        return "written"
