@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from estimation.geometry.poses import pose_to_matrix
-from whereabouts.logs import CarmenLog, G2oLog, OdometryRecord, ScanRecord, open_log, open_raw
-from whereabouts.logs.bags.ros_types import Decoder
+from whereabouts.logs import CarmenLog, G2oLog, OdometryRecord, RawMessage, ScanRecord, open_log, open_raw
 from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, scans, seconds
 from whereabouts.messages.records import CloudRecord, TransformRecord, strip_slash
@@ -37,29 +35,24 @@ def survey_bag(path: Path, look_at: float = LOOK_AT_SECONDS) -> Survey:
     with open_raw(path) as raw:
         for topic in raw.topics:
             survey.topics[topic.name] = Seen(topic.name, topic.type_name, qos=topic.qos)
-        decoders: dict[str, Any] = {}
         first: int | None = None
         for count, message in enumerate(raw):
             first = message.log_time if first is None else first
             survey.seconds = (message.log_time - first) / 1e9
             if survey.seconds > look_at and count > LEAST_MESSAGES:
                 break
-            _look(survey, decoders, message)
+            _look(survey, message)
         survey.left_out = raw.summary.lines()
     return survey
 
 
-def _look(survey: Survey, decoders: dict[str, Any], message: Any) -> None:
+def _look(survey: Survey, message: RawMessage) -> None:
     topic = message.topic
     seen = survey.topics.setdefault(topic.name, Seen(topic.name, topic.type_name, qos=topic.qos))
     if topic.type_name not in RECORDS and seen.count >= FEW:
         return
     try:
-        decode = decoders.get(topic.name)
-        if decode is None:
-            # What `open_raw` hands out is CDR already.
-            decode = decoders[topic.name] = Decoder(replace(topic, to_cdr=None))
-        look_at_message(survey, seen, decode(message.data), message.log_time / 1e9)
+        look_at_message(survey, seen, message.decoded(), message.log_time / 1e9)
     except UnreadableTypeError:
         return
     except UnusableMessageError as error:
