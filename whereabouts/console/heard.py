@@ -55,8 +55,7 @@ class Heard:
         self._grid: tuple[float, float, float] = (0.05, 0.0, 0.0)
         self._drawn = True
         self._map: Shown | None = None
-        self._targets: Any = None
-        self._paths: Any = None
+        self._newest: dict[str, Any] = {}
         self._things: list[Shown] = []
         self._tasks: deque[Shown] = deque(maxlen=TASKS)
         self._goals: dict[str, Shown] = {}
@@ -68,8 +67,8 @@ class Heard:
             "tf": self._take_transforms,
             "tf_static": self._take_transforms,
             "odometry": self._take_odometry,
-            "targets": self._take_targets,
-            "predicted_paths": self._take_paths,
+            "targets": lambda message: self._newest.update(targets=message),
+            "predicted_paths": lambda message: self._newest.update(paths=message),
             "world_state": self._take_world,
             "verification_tasks": self._take_task,
             "search_goal": lambda message: self._take_goal("search", message),
@@ -127,25 +126,22 @@ class Heard:
             return None
         return [round(float(value), 3) for value in self._pose(self._wheels[0])]
 
-    def _take_targets(self, message: Any) -> None:
-        self._targets = message
-
-    def _take_paths(self, message: Any) -> None:
-        self._paths = message
-
     def _people(self) -> list[Shown]:
-        if self._targets is None or self._stamp - _seconds(self._targets) > PEOPLE_AGE:
+        fresh = {
+            name: (message, self._pose(strip_slash(message.header.frame_id)))
+            for name, message in self._newest.items()
+            if self._stamp - _seconds(message) <= PEOPLE_AGE
+        }
+        if "targets" not in fresh:
             return []
-        pose = self._pose(strip_slash(self._targets.header.frame_id))
-        found = {int(target.label): person(target, pose) for target in self._targets.targets}
-        if self._paths is not None and self._stamp - _seconds(self._paths) <= PEOPLE_AGE:
-            pose = self._pose(strip_slash(self._paths.header.frame_id))
-            for path in self._paths.paths:
-                if int(path.label) in found:
-                    found[int(path.label)]["path"] = [
-                        moved(pose, point.position.x, point.position.y) for point in path.points
-                    ]
-                    found[int(path.label)]["goals"] = [
+        message, pose = fresh["targets"]
+        found = {int(target.label): person(target, pose) for target in message.targets}
+        if "paths" in fresh:
+            message, pose = fresh["paths"]
+            for path in message.paths:
+                if shown := found.get(int(path.label)):
+                    shown["path"] = [moved(pose, point.position.x, point.position.y) for point in path.points]
+                    shown["goals"] = [
                         [*moved(pose, goal.x, goal.y), round(float(probability), 3)]
                         for goal, probability in zip(path.goals, path.goal_probabilities, strict=False)
                     ]
