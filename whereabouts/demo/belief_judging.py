@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from whereabouts.demo.judging import SAME
-from whereabouts.demo.reading import BELIEVED, NOBODY
+from whereabouts.demo.screen import BELIEVED, NOBODY
 from whereabouts.simulation.home.apartment_day import THINGS
 from world_model import WorldObject
 from world_model.state import MOVED_ON
 
 Array = NDArray[np.float64]
+SAME = 0.4
+"""m, between a thing and the object that is believed to be it."""
 
 
 @dataclass(frozen=True)
@@ -26,35 +27,50 @@ class JudgedBeliefs:
     unknown: tuple[str, ...]
 
 
-def believed(objects: Iterable[WorldObject]) -> list[WorldObject]:
-    """Things that are said to be somewhere: neither lost nor probably gone, and no people."""
+def known(objects: Iterable[WorldObject]) -> list[WorldObject]:
+    """Things that are believed in, somewhere; people are none."""
     return [
         item
         for item in objects
-        if item.existence >= BELIEVED
-        and not item.lost
-        and MOVED_ON not in item.predicates
-        and item.most_probable("class") not in NOBODY
+        if item.existence >= BELIEVED and not item.lost and item.most_probable("class") not in NOBODY
     ]
 
 
-def judged(objects: Iterable[WorldObject], things: Mapping[str, Array | None], stamp: float) -> JudgedBeliefs:
-    """Beliefs at a stamp, s. things : where each truly lies, None while it is carried.
+def believed(objects: Iterable[WorldObject]) -> list[WorldObject]:
+    """Things that are said to be somewhere: known, and not probably gone."""
+    return [item for item in known(objects) if MOVED_ON not in item.predicates]
 
-    A belief is right where a thing of its class lies within SAME; each thing makes one belief right.
+
+def apart(item: WorldObject, spot: Array) -> float:
+    """m from an object to a place (3,)."""
+    return float(np.linalg.norm(item.position - spot))
+
+
+def matched(
+    things: Mapping[str, Array | None], kind_of: Callable[[str], str], objects: Iterable[WorldObject]
+) -> dict[str, WorldObject]:
+    """Of each thing the object of its class within SAME, one at most for each, the nearest pairs first.
+
+    things : where each truly lies, None while it is carried.
     """
-    known = {item.id: item for item in believed(objects)}
+    left, found = {item.id: item for item in objects}, {}
     pairs = sorted(
-        (float(np.linalg.norm(item.position - spot)), name, item.id)
+        (apart(item, spot), name, item.id)
         for name, spot in things.items()
         if spot is not None
-        for item in known.values()
-        if item.most_probable("class") == THINGS[name][0].kind
+        for item in left.values()
+        if item.most_probable("class") == kind_of(name)
     )
-    right: dict[str, str] = {}
     for away, name, own in pairs:
-        if away <= SAME and name not in right and own in known:
-            right[name] = own
-            del known[own]
+        if away <= SAME and name not in found and own in left:
+            found[name] = left.pop(own)
+    return found
+
+
+def judged(objects: Iterable[WorldObject], things: Mapping[str, Array | None], stamp: float) -> JudgedBeliefs:
+    """Beliefs at a stamp, s: one is right where a thing of its class lies, and each thing makes one belief right."""
+    beliefs = believed(objects)
+    right = matched(things, lambda name: THINGS[name][0].kind, beliefs)
     lying = {name for name, spot in things.items() if spot is not None}
-    return JudgedBeliefs(stamp, tuple(sorted(known)), tuple(sorted(lying - set(right))))
+    wrong = {item.id for item in beliefs} - {item.id for item in right.values()}
+    return JudgedBeliefs(stamp, tuple(sorted(wrong)), tuple(sorted(lying - set(right))))

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from estimation.geometry.places import Places
 from evaluation.people.people_judging import SceneJudgement
 from whereabouts.demo import pictures
+from whereabouts.demo.belief_judging import SAME
 from whereabouts.demo.demo_suite import rates
 from whereabouts.demo.files import files_of
 from whereabouts.demo.judging import (
-    SAME,
     Identities,
     Trajectories,
     judge_things,
@@ -82,7 +82,7 @@ class Judged:
 
 def judge(recording: Path, bag: Path, run: DemoRun) -> Judged:
     """Read a run and hold it against the ground truth of its bag."""
-    truth, said = read_truth(bag), read_said(recording, bag)
+    truth, said = read_truth(bag), read_said(recording)
     people, stamps = judge_tracks(truth, said)
     return Judged(
         truth,

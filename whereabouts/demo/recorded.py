@@ -107,7 +107,7 @@ def run_recorded(
             on_progress=on_progress,
         )
     )
-    said = read_said(output, bag)
+    said = read_said(output)
     if not len(said.replayed.poses):
         raise SuiteError(f"scan_registration published no odometry; its log says why: {folder / 'logs'}")
     return said, account

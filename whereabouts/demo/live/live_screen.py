@@ -23,7 +23,7 @@ DOING = {
 
 def live_screen(recording: Path, bag: Path, story: Story) -> Screen:
     """From what the nodes said (`recording`), the truth (`bag`), and the story, whose times are s of the day."""
-    said, truth = read_said(recording, bag), read_truth(bag)
+    said, truth = read_said(recording), read_truth(bag)
     tasks, said.tasks = said.tasks, []
     screen = screen_of(said, truth, Places.load(str(places_file())))
     said.tasks = tasks
