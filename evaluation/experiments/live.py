@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evaluation.demo.live.live_library import LibraryRobot, Outcome
 from evaluation.report import Part, Report, RunOptions, Table
-from whereabouts.demo.live.live_library import LibraryRobot, Outcome
 from whereabouts.simulation.home.live_apartment import HOME_OF, REACH, LiveDay
 from whereabouts.system.parallel import each
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.places import Places
-from whereabouts.demo.reading import Said, Task, Truth
-from whereabouts.demo.reasons import plain
-from whereabouts.demo.screen import Screen, called, thinned
+from evaluation.demo.reading import Said, Task, Truth
+from evaluation.demo.reasons import plain
+from evaluation.demo.screen import Screen, called, thinned
 
 Array = NDArray[np.float64]
 PERIOD = 0.5

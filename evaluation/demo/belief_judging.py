@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from whereabouts.demo.screen import BELIEVED, NOBODY
+from evaluation.demo.screen import BELIEVED, NOBODY
 from whereabouts.simulation.home.apartment_day import THINGS
 from world_model import WorldObject
 from world_model.state import MOVED_ON

@@ -14,6 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from evaluation.demo.files import begin_in, files_of
+from evaluation.demo.page import Page, Row
+from evaluation.demo.screen import BELIEVED, Screen, place_around
 from evaluation.experiments.questions import (
     BEGIN,
     DAY,
@@ -26,9 +29,6 @@ from evaluation.experiments.questions import (
     looks_of,
     settings,
 )
-from whereabouts.demo.files import begin_in, files_of
-from whereabouts.demo.page import Page, Row
-from whereabouts.demo.screen import BELIEVED, Screen, place_around
 from world_model import WorldModel, WorldState
 from world_model.memory.store import Store
 from world_model.questions import Answer, ask

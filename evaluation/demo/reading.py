@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import transform_points
+from evaluation.demo.replayed import Replayed, read_replay
 from whereabouts.logs import MessageRecord, OdometryRecord, open_log
-from whereabouts.recorded.replayed import Replayed, read_replay
 from world_model import WorldObject
 
 Array = NDArray[np.float64]

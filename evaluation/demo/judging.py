@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.demo.belief_judging import SAME, apart, known, matched
+from evaluation.demo.reading import Said, Truth
+from evaluation.demo.screen import NOBODY
 from evaluation.people.people_judging import Expected, SceneJudgement, judge_people
-from whereabouts.demo.belief_judging import SAME, apart, known, matched
-from whereabouts.demo.reading import Said, Truth
-from whereabouts.demo.screen import NOBODY
 from world_model import WorldObject
 
 Array = NDArray[np.float64]

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from whereabouts.demo.belief_judging import known
-from whereabouts.demo.judging import Trajectories
-from whereabouts.demo.reading import Grid, Said, SaidPrediction, Tracked, Truth
-from whereabouts.demo.screen import NOBODY
+from evaluation.demo.belief_judging import known
+from evaluation.demo.judging import Trajectories
+from evaluation.demo.reading import Grid, Said, SaidPrediction, Tracked, Truth
+from evaluation.demo.screen import NOBODY
 from whereabouts.simulation.home.floor_plan import Apartment
 from world_model import WorldObject
 

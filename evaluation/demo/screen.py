@@ -119,7 +119,7 @@ class Screen:
 
     def html(self) -> str:
         """The section of the page."""
-        page = (files("whereabouts.demo") / "screen.html").read_text(encoding="utf-8")
+        page = (files("evaluation.demo") / "screen.html").read_text(encoding="utf-8")
         # Names come from detectors: nothing in them may end the script.
         text = json.dumps(self._data(), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
         return page.replace("DATA", text, 1)
