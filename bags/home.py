@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
-from whereabouts.recorded.world_bag import EvidenceWriter
+from whereabouts.simulation.world_bag import EvidenceWriter
 from world_model import ObjectEvidence, WorldEvidence
 
 NINE = datetime(2026, 5, 4, 9, 0, tzinfo=UTC).timestamp()

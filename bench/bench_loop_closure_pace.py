@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from estimation.metrics.statistics import absolute_trajectory_error
+from evaluation.killian import graph_file
 from evaluation.slam.slam_following import followed
 from evaluation.slam.slam_judging import Followed
 from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.loop_closure_warm_up import warm_up, warm_up_recognition
 from loop_closure.maps.map_grid import MapGrid
 from loop_closure.slam.trajectory import Slam
-from whereabouts.killian import graph_file
 from whereabouts.nodes.mapping.map_in_use import DRAWN, PACE
 
 # Made before there are threads.

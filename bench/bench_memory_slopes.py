@@ -39,12 +39,12 @@ from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.nodes.world_model_node import WorldModelNode
-from whereabouts.recorded.world_bag import SuiteMessages
 from whereabouts.recorded.world_log import EVIDENCE
 from whereabouts.simulation.home.apartment_bag import START, TARGETS
 from whereabouts.simulation.home.apartment_day import LASER_MOUNT, THINGS, ApartmentDay
 from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT
 from whereabouts.simulation.people import positions
+from whereabouts.simulation.world_bag import SuiteMessages
 from whereabouts_msgs.msg import TargetArray
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
 

@@ -6,14 +6,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from whereabouts.node_interfaces import NODE_INTERFACES, interfaces_of, markdown_table
+from whereabouts.node_interfaces import NODE_INTERFACES, Interface, interfaces_of
 from whereabouts.node_names import NODES
-from whereabouts.parameters.description import markdown_table as parameter_table
-from whereabouts.parameters.parameter_base import SharedParameters
+from whereabouts.parameters.description import allowed, extra
+from whereabouts.parameters.parameter_base import NodeParameters, SharedParameters
 from whereabouts.parameters.registry import expert_names, model_of
-from whereabouts.parameters.yaml_text import shipped_file
+from whereabouts.parameters.yaml_text import section
 
 SUMMARIES = {
     "scan_registration": "Computes odometry with covariance from planar scans or clouds. It also publishes tf, the points of the static world, and which beams of a scan move.",
@@ -35,6 +36,10 @@ READING = {
     "world_maintenance": [("maintenance and search", "maintenance_and_search.md")],
     "object_search": [("maintenance and search", "maintenance_and_search.md")],
 }  # fmt: skip
+SHIPPED = """\
+# Parameters of the node {node} that a user sets, with their defaults.
+# Frames, and the rest: `whereabouts parameters {node}`, with --expert.
+"""
 
 
 def node_page(node: str) -> str:
@@ -64,7 +69,7 @@ whereabouts run {node} --bag BAG --lock-step   # on a recording
 
 ## Topics, services, actions
 
-{markdown_table(interfaces_of(node))}
+{interface_table(interfaces_of(node))}
 
 Fields, units and frames: {fields}. Every input takes ROS's QoS overrides, such as
 `qos_overrides./scan.subscription.reliability`.
@@ -119,6 +124,30 @@ def interfaces_page(sources: Path) -> str:
             text = path.read_text(encoding="utf-8").strip()
             parts.append(f"### {path.stem}{used}\n\n```\n{text}\n```")
     return "\n\n".join(parts) + "\n"
+
+
+def interface_table(items: Sequence[Interface]) -> str:
+    """Interfaces as a Markdown table."""
+    lines = ["| | name | type | meaning |", "| --- | --- | --- | --- |"]
+    for item in items:
+        name = f"`{item.name}`{f' (`{item.when}`)' if item.when else ''}"
+        lines.append(f"| {item.way} | {name} | {item.type} | {item.meaning} |")
+    return "\n".join(lines)
+
+
+def parameter_table(model: type[NodeParameters], names: Sequence[str] = ()) -> str:
+    """Parameters of a node, else the public ones, as a Markdown table; those fixed at the start are marked."""
+    lines = ["| parameter | default | allowed | meaning |", "| --- | --- | --- | --- |"]
+    for name in names or model.public:
+        field = model.model_fields[name]
+        mark = " †" if extra(field, "fixed") else ""
+        lines.append(f"| `{name}`{mark} | `{field.default}` | {allowed(field)} | {field.description} |")
+    return "\n".join(lines)
+
+
+def shipped_file(node: str) -> str:
+    """Content of `config/NODE.yaml`: public parameters for whatever name the node runs under."""
+    return SHIPPED.format(node=node) + section("/**", model_of(node), model_of(node).public)
 
 
 def pages(root: Path) -> dict[Path, str]:

@@ -21,8 +21,8 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
-from whereabouts.demo.demo_suite import RECORDED
-from whereabouts.demo.replay import DemoScript, full_script, replay
+from evaluation.demo.demo_suite import RECORDED
+from evaluation.demo.replay import DemoScript, full_script, replay
 from whereabouts.logs import open_raw
 from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.runtime.suite_run import prepare_environment

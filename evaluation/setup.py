@@ -1,4 +1,4 @@
-"""The second wheel: experiments, and the simulated worlds of experiments and demo."""
+"""The second wheel: experiments and demo, and their simulated worlds."""
 
 import sys
 
@@ -12,4 +12,8 @@ if "bdist_wheel" in sys.argv:
     packages += ["whereabouts.simulation", *(f"whereabouts.simulation.{room}" for room in rooms)]
     folders["whereabouts.simulation"] = "../whereabouts/simulation"
 
-setup(packages=packages, package_dir=folders, package_data={"whereabouts.simulation": ["defaults/*.yaml"]})
+setup(
+    packages=packages,
+    package_dir=folders,
+    package_data={"whereabouts.simulation": ["defaults/*.yaml"], "evaluation.demo": ["*.html"]},
+)

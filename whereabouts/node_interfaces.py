@@ -170,12 +170,3 @@ def interfaces_of(node: str) -> tuple[Interface, ...]:
     own = NODE_INTERFACES[node]
     said = {(item.kind, item.name) for item in own}
     return (*own, *(item for item in COMMON if (item.kind, item.name) not in said))
-
-
-def markdown_table(items: tuple[Interface, ...]) -> str:
-    """Interfaces as a Markdown table."""
-    lines = ["| | name | type | meaning |", "| --- | --- | --- | --- |"]
-    for item in items:
-        name = f"`{item.name}`{f' (`{item.when}`)' if item.when else ''}"
-        lines.append(f"| {item.way} | {name} | {item.type} | {item.meaning} |")
-    return "\n".join(lines)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
+from evaluation.anchoring import kitti
 from evaluation.anchoring.anchoring_gnn import GlobalNearestNeighbour
 from evaluation.anchoring.identities import IdentityScore
-from whereabouts.logs.formats import kitti
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.camera import CameraModel, CameraView, DepthImage, ImageBox, LocatedBox, located
 

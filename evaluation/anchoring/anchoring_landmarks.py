@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.checks import FloatArray
-from whereabouts.logs.formats.mrclam import FIRST_LANDMARK, Sighting
+from evaluation.anchoring.mrclam import FIRST_LANDMARK, Sighting
 from world_model.calibration.sensor_bias import CONSTANT, basis, within
 
 ROOM = np.array([[-1.5, 5.5], [-6.5, 6.5]])

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from estimation.conversion.polar import convert
+from evaluation.anchoring import kitti, mrclam
 from evaluation.anchoring.anchoring_gnn import GlobalNearestNeighbour
 from evaluation.anchoring.identities import IdentityScore
-from whereabouts.logs.formats import kitti, mrclam
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 
 ACCELERATION = 2.0  # m/s^1.5, vehicles and pedestrians alike

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from evaluation.anchoring import kitti
 from evaluation.anchoring.anchoring_hidden import hidden_run, in_space, through_camera
 from evaluation.anchoring.anchoring_landmarks import LandmarkWorld
 from evaluation.anchoring.anchoring_pictures import CUP_FIGURES, TABLE_FIGURES, draw_ants, draw_shots
@@ -21,7 +22,6 @@ from evaluation.anchoring.anchoring_scenes import AntRun, ants, known, play, sce
 from evaluation.anchoring.anchoring_table import ambiguous_cups, dynamic_table
 from evaluation.drawing import saved
 from evaluation.report import Part, Printed, Report, RunOptions
-from whereabouts.logs.formats import kitti
 from whereabouts.simulation.scenes.ants import AntScene
 from whereabouts.system.progress import track
 from world_model import WorldModel

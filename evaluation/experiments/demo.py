@@ -27,7 +27,7 @@ PROCESSES = (
     "whereabouts.nodes.verifier_node",
     "whereabouts.nodes.object_search_node",
 )
-# What is told of a day: name in `whereabouts.demo.demo_report.figures`, heading, and what is asked for.
+# What is told of a day: name in `evaluation.demo.demo_report.figures`, heading, and what is asked for.
 ROWS: tuple[tuple[str, str, float | None], ...] = (
     ("loops_closed_rmse_m", "trajectory with loops closed, RMS, m ↓", 0.15),
     ("wheels_rmse_m", "trajectory of the wheels, RMS, m", None),
@@ -77,9 +77,9 @@ def _other_days(options: RunOptions, report: Report) -> None:
 
 def _replayed(seed: int | None, duration: float | None, folder: Path) -> dict[str, Any]:
     """Figures of a day, None for the shipped one, or of its first `duration` seconds; needs ROS."""
-    from whereabouts.cli.demo import apartment_bag
-    from whereabouts.demo.demo_report import figures, judge
-    from whereabouts.demo.replay import replay
+    from evaluation.demo.demo_report import figures, judge
+    from evaluation.demo.replay import replay
+    from evaluation.demo.running import apartment_bag
     from whereabouts.nodes.runtime.suite_run import prepare_environment
     from whereabouts.simulation.home.apartment_bag import record
     from whereabouts.simulation.home.apartment_day import ApartmentDay

@@ -16,10 +16,10 @@ from evaluation.intentions import intentions_days as elsewhere
 from evaluation.intentions import intentions_pictures as pictures
 from evaluation.intentions import intentions_protocol as protocol
 from evaluation.intentions.social_forces_fit import fit_forces
+from evaluation.intentions.trajectories import read_trajectories
 from evaluation.report import Part, Report, RunOptions
 from tracking.intentions import IntentionConfig, IntentionModel
 from tracking.prediction.social_forces import Forces
-from whereabouts.logs.formats.trajectories import read_trajectories
 from whereabouts.system.progress import track
 
 Array = NDArray[np.float64]

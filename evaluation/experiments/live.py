@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evaluation.demo.live.live_library import LibraryRobot, Outcome
 from evaluation.parallel import each
 from evaluation.report import Part, Report, RunOptions, Table
-from whereabouts.demo.live.live_library import LibraryRobot, Outcome
 from whereabouts.simulation.home.live_apartment import HOME_OF, REACH, LiveDay
 
 MAINTAINED, TIMEOUT = 200.0, 240.0

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from estimation.learning.gradient_boosting import GradientBoosting
+from evaluation.killian import bag_directory
 from evaluation.loops.loops_across import UNSEEN, across_places, shipped_models
 from evaluation.loops.loops_changes import dynamic_objects, likelihood_matrix, translation
 from evaluation.loops.loops_data import Reading, read_recording
@@ -40,7 +41,6 @@ from loop_closure import (
 from loop_closure.places.matching import match_pairs
 from loop_closure.places.pairs import PairRule, Pairs, compare_pairs
 from registration.laser.scan import Scan
-from whereabouts.killian import bag_directory
 from whereabouts.system.progress import track
 
 TURN = math.radians(45.0)

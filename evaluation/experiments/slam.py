@@ -225,7 +225,7 @@ def _row(
 
 
 def _killian(options: RunOptions, report: Report) -> None:
-    from whereabouts.killian import DownloadError, graph_file
+    from evaluation.killian import DownloadError, graph_file
 
     if options.quick:
         return

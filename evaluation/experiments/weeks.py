@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from evaluation.demo.live.live_suite import library_settings, placed
 from evaluation.report import Part, Report, RunOptions
-from whereabouts.demo.live.live_suite import library_settings, placed
 from whereabouts.simulation.home.apartment_day import THINGS
 from whereabouts.simulation.home.household_weeks import CARRIED, DAY, HOUR, MINUTE, Weeks
 from whereabouts.system.progress import track

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.intentions.trajectories import EDINBURGH_METRES
 from tracking.intentions import IntentionConfig, IntentionModel
 from tracking.intentions.printed import PrintedModel
 from tracking.intentions.routes import Routes, RouteScales
 from tracking.intentions.walking_motion import estimate
-from whereabouts.logs.formats.trajectories import EDINBURGH_METRES
 
 Array = NDArray[np.float64]
 FRACTIONS = (0.05, 0.2, 0.4, 0.6, 0.85)

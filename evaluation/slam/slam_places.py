@@ -15,13 +15,13 @@ from pathlib import Path
 from unittest import mock
 
 from evaluation.digest import source_digest
+from evaluation.killian import MEMBER_NAME, bag_directory
 from evaluation.loops import loops_training
 from evaluation.loops.place_training import CascadeConfig, Examples, fit_cascade
 from evaluation.report import RunOptions, Table
 from loop_closure.places import recognizer
 from loop_closure.places.pairs import PairRule
 from loop_closure.places.place_model import PlaceModel
-from whereabouts.killian import MEMBER_NAME, bag_directory
 from whereabouts.system.atomic import atomic_path
 
 # What the shipped model is trained on, and the building that each log is of.

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from evaluation.demo.recorded import dropped
 from whereabouts.cli import main
 from whereabouts.cli.main import app
-from whereabouts.demo.recorded import dropped
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, read_tum
 from whereabouts.simulation import Drive, Lidar, box, joined
 

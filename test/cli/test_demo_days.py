@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-import whereabouts.cli.demo as demo
+import evaluation.demo.running as demo
 from whereabouts.cli.main import app
 
 
@@ -27,7 +27,7 @@ def test_days_are_lived_one_after_the_other_and_counted(
             "wrong_beliefs": 1.3, "library_wrong": 1.5, "naive_wrong": 1.8,
         }  # fmt: skip
 
-    monkeypatch.setattr(demo, "_live_day", day)
+    monkeypatch.setattr(demo, "live_day", day)
     given = ["demo", "--live", "--seed", "3", "--days", "3", "--out", str(tmp_path / "out"), "--json"]
     result = CliRunner().invoke(app, [*given, str(tmp_path / "days.json")])
     assert result.exit_code == status, result.output

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from whereabouts.demo.recorded import lead_of
+from evaluation.demo.recorded import lead_of
 
 FOUND = {"bag_s": 720.0, "wall_s": 240.0, "path_m": 812.4, "labels": 3, "unsure": 0.01}
 

@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from estimation.errors import InputError
+from evaluation.demo.demo_weeks import figures, live_through, write
+from evaluation.demo.files import begin_in
 from whereabouts.cli.main import app
-from whereabouts.demo.demo_weeks import figures, live_through, write
-from whereabouts.demo.files import begin_in
 
 
 def test_a_day_at_home_becomes_a_report(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from estimation.errors import InputError
 from whereabouts.cli.main import app
-from whereabouts.recorded.world_bag import EvidenceWriter
+from whereabouts.simulation.world_bag import EvidenceWriter
 from world_model import ObjectEvidence, WorldEvidence
 
 runner = CliRunner()

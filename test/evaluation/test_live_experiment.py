@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from evaluation.demo.belief_judging import judged
+from evaluation.demo.live.live_library import LibraryRobot
 from evaluation.experiments.live import live_day
-from whereabouts.demo.belief_judging import judged
-from whereabouts.demo.live.live_library import LibraryRobot
 from whereabouts.simulation.home.apartment_day import THINGS
 from whereabouts.simulation.home.live_apartment import HOME_OF, REACH, LiveDay
 from world_model import WorldObject

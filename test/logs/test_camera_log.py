@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 from whereabouts.logs import McapWriter, Topic, open_raw
 from whereabouts.recorded.camera_log import BOXES, IMAGE, INFO, TF
 from whereabouts.recorded.evidence_messages import Reader
-from whereabouts.recorded.world_bag import SuiteMessages
 from whereabouts.recorded.world_log import DETECTIONS, EvidenceLog
 from whereabouts.simulation.home.apartment_camera import Item
 from whereabouts.simulation.home.floor_plan import apartment
+from whereabouts.simulation.world_bag import SuiteMessages
 from whereabouts.system.log_errors import NothingRecognisedError
 from world_model import WorldModel, WorldModelConfig
 

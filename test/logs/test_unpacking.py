@@ -17,8 +17,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from whereabouts.logs import OversizedLogError, UnknownFormatError, open_log, open_raw
-from whereabouts.logs.bags.bag_directory import inflate_message
-from whereabouts.logs.bags.unpacking import unpack
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
 
 MUCH = bytes(300 << 20)
 LINES = b"PARAM robot_frontlaser_offset 0.0 0 host 0\n" * 100_000
@@ -88,7 +87,7 @@ def test_chunks_and_messages_have_a_limit_of_their_own(tmp_path: Path) -> None:
     with pytest.raises(OversizedLogError, match="more than 256 MiB"), open_raw(path) as raw:
         list(raw)
     with pytest.raises(OversizedLogError, match="more than 256 MiB"):
-        inflate_message(zstandard.compress(MUCH), path)
+        unpack("zstd", zstandard.compress(MUCH), path, UNPACKED_LIMIT)
 
 
 @pytest.mark.parametrize("form", ["zstd", "lz4", "bz2"])

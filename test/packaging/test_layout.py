@@ -29,7 +29,7 @@ ALLOWED = {
     "evaluation": {*LIBRARIES, "whereabouts"},
 }
 # What of the product may use the evaluation, which has a wheel of its own.
-WITH_EVALUATION = ("whereabouts/cli", "whereabouts/demo")
+WITH_EVALUATION = ("whereabouts/cli",)
 ROS = re.compile(
     r"(rclpy|rosidl\w*|ament_\w+|\w+_msgs|\w+_interfaces|std_srvs|tf2_ros|launch|launch_ros|rosbag2_py)(\.|$)"
 )

@@ -87,8 +87,9 @@ def test_only_the_second_wheel_has_experiments_and_simulated_worlds(dist: Path) 
     ]
     beside += [
         path.relative_to(ROOT).as_posix()
-        for path in (ROOT / "whereabouts/simulation").rglob("*")
-        if path.suffix in (".py", ".yaml")
+        for folder in ("whereabouts/simulation", "evaluation/demo")
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in (".py", ".yaml", ".html")
     ]
     assert len(beside) > 30
     assert not {*beside} & {*zipfile.ZipFile(product).namelist()}

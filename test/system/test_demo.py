@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from estimation.errors import InputError
-from whereabouts.cli.demo import node_parameters
-from whereabouts.demo import recorded
-from whereabouts.demo.demo_report import figures, judge, write
-from whereabouts.demo.replay import DemoScript, replay
+from evaluation.demo import recorded
+from evaluation.demo.demo_report import figures, judge, write
+from evaluation.demo.replay import DemoScript, replay
+from evaluation.demo.running import node_parameters
 from whereabouts.simulation.home.apartment_bag import START, record
 
 SECONDS = 12.0

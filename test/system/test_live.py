@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from whereabouts.demo.live.live_demo import run_live
-from whereabouts.demo.live.live_library import Outcome
-from whereabouts.demo.live.live_report import LiveTold, figures, write
-from whereabouts.demo.live.live_story import Script, within_reach
+from evaluation.demo.live.live_demo import run_live
+from evaluation.demo.live.live_library import Outcome
+from evaluation.demo.live.live_report import LiveTold, figures, write
+from evaluation.demo.live.live_story import Script, within_reach
 from whereabouts.logs import open_raw
 from whereabouts.simulation.home.live_apartment import REACH, LiveDay
 

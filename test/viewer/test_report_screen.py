@@ -11,9 +11,9 @@ import pytest
 
 from estimation.geometry.places import Places
 from evaluation.browser import CHROMIUM, Browser
-from whereabouts.demo.page import Page
-from whereabouts.demo.reasons import plain
-from whereabouts.demo.screen import GONE, HERE, LOST, KnownThing, Screen, at_place, place_around, thinned
+from evaluation.demo.page import Page
+from evaluation.demo.reasons import plain
+from evaluation.demo.screen import GONE, HERE, LOST, KnownThing, Screen, at_place, place_around, thinned
 
 KITCHEN = {"polygon": [[0, 0], [4, 0], [4, 3], [0, 3]], "kind": "room"}
 COUNTER = {

@@ -10,8 +10,8 @@ import pytest
 
 from estimation.errors import InputError
 from whereabouts.recorded.evidence_messages import Reader
-from whereabouts.recorded.world_bag import EvidenceWriter
 from whereabouts.recorded.world_log import EvidenceLog
+from whereabouts.simulation.world_bag import EvidenceWriter
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.anchoring.attributes import Quantities
 

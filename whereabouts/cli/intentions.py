@@ -53,8 +53,8 @@ def intentions(
     from dataclasses import replace
 
     from evaluation.intentions.intentions_run import learn_and_predict
+    from evaluation.intentions.trajectories import read_trajectories
     from tracking.intentions import IntentionConfig, IntentionModel
-    from whereabouts.logs.formats.trajectories import read_trajectories
     from whereabouts.system.progress import progress_bar
 
     recorded = read_trajectories(source)

@@ -141,7 +141,7 @@ def read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:
     import numpy as np
 
     from registration.odometry.follower import Odometry
-    from whereabouts.logs import ScanRecord, open_log
+    from whereabouts.logs import open_log
     from whereabouts.system.log_errors import NothingRecognisedError
 
     odometry = Odometry()
@@ -149,12 +149,7 @@ def read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:
     stamps: list[float] = []
     poses: list[Any] = []
     with open_log(source) as log:
-        for record in log:
-            if not isinstance(record, ScanRecord) or (
-                topic is not None and record.topic != topic.lstrip("/")
-            ):
-                continue
-            topic = record.topic if topic is None else topic
+        for record in log.scans(topic):
             scans.append(record.scan)
             stamps.append(record.stamp)
             poses.append(odometry.register(record.scan, record.stamp))

@@ -12,6 +12,7 @@ from estimation.checks import FloatArray
 from estimation.geometry.poses import compound
 from whereabouts.console.shown import Shown, empty, map_picture, moved, person, thing_of_message
 from whereabouts.messages.decode import nanoseconds
+from whereabouts.messages.message_rotations import pose_in_plane
 from whereabouts.messages.records import MAP_FRAME, strip_slash
 
 TASKS = 20
@@ -55,8 +56,7 @@ class Heard:
         self._grid: tuple[float, float, float] = (0.05, 0.0, 0.0)
         self._drawn = True
         self._map: Shown | None = None
-        self._targets: Any = None
-        self._paths: Any = None
+        self._newest: dict[str, Any] = {}
         self._things: list[Shown] = []
         self._tasks: deque[Shown] = deque(maxlen=TASKS)
         self._goals: dict[str, Shown] = {}
@@ -68,8 +68,8 @@ class Heard:
             "tf": self._take_transforms,
             "tf_static": self._take_transforms,
             "odometry": self._take_odometry,
-            "targets": self._take_targets,
-            "predicted_paths": self._take_paths,
+            "targets": lambda message: self._newest.update(targets=message),
+            "predicted_paths": lambda message: self._newest.update(paths=message),
             "world_state": self._take_world,
             "verification_tasks": self._take_task,
             "search_goal": lambda message: self._take_goal("search", message),
@@ -102,7 +102,7 @@ class Heard:
     def _take_transforms(self, message: Any) -> None:
         for item in message.transforms:
             child = strip_slash(item.child_frame_id)
-            self._parents[child] = (strip_slash(item.header.frame_id), _planar(item.transform))
+            self._parents[child] = (strip_slash(item.header.frame_id), pose_in_plane(item.transform))
             self._stamp = max(self._stamp, nanoseconds(item.header.stamp) / 1e9)
 
     def _take_odometry(self, message: Any) -> None:
@@ -111,7 +111,7 @@ class Heard:
         # A transform of this frame, where there is one, says the same.
         if child not in self._parents or child in self._moving:
             self._moving.add(child)
-            self._parents[child] = (frame, _planar(message.pose.pose))
+            self._parents[child] = (frame, pose_in_plane(message.pose.pose))
 
     def _pose(self, frame: str) -> FloatArray:
         """Where a frame is in the map, (3,), as far up as the transforms reach."""
@@ -127,25 +127,22 @@ class Heard:
             return None
         return [round(float(value), 3) for value in self._pose(self._wheels[0])]
 
-    def _take_targets(self, message: Any) -> None:
-        self._targets = message
-
-    def _take_paths(self, message: Any) -> None:
-        self._paths = message
-
     def _people(self) -> list[Shown]:
-        if self._targets is None or self._stamp - _seconds(self._targets) > PEOPLE_AGE:
+        fresh = {
+            name: (message, self._pose(strip_slash(message.header.frame_id)))
+            for name, message in self._newest.items()
+            if self._stamp - _seconds(message) <= PEOPLE_AGE
+        }
+        if "targets" not in fresh:
             return []
-        pose = self._pose(strip_slash(self._targets.header.frame_id))
-        found = {int(target.label): person(target, pose) for target in self._targets.targets}
-        if self._paths is not None and self._stamp - _seconds(self._paths) <= PEOPLE_AGE:
-            pose = self._pose(strip_slash(self._paths.header.frame_id))
-            for path in self._paths.paths:
-                if int(path.label) in found:
-                    found[int(path.label)]["path"] = [
-                        moved(pose, point.position.x, point.position.y) for point in path.points
-                    ]
-                    found[int(path.label)]["goals"] = [
+        message, pose = fresh["targets"]
+        found = {int(target.label): person(target, pose) for target in message.targets}
+        if "paths" in fresh:
+            message, pose = fresh["paths"]
+            for path in message.paths:
+                if shown := found.get(int(path.label)):
+                    shown["path"] = [moved(pose, point.position.x, point.position.y) for point in path.points]
+                    shown["goals"] = [
                         [*moved(pose, goal.x, goal.y), round(float(probability), 3)]
                         for goal, probability in zip(path.goals, path.goal_probabilities, strict=False)
                     ]
@@ -165,7 +162,7 @@ class Heard:
         )
 
     def _take_goal(self, kind: str, message: Any) -> None:
-        pose = compound(self._pose(strip_slash(message.header.frame_id)), _planar(message.pose))
+        pose = compound(self._pose(strip_slash(message.header.frame_id)), pose_in_plane(message.pose))
         self._goals[kind] = {"kind": kind, "x": round(float(pose[0]), 3), "y": round(float(pose[1]), 3)}
 
     def _take_diagnostics(self, message: Any) -> None:
@@ -184,7 +181,7 @@ class Heard:
         info = message.info
         height, width = int(info.height), int(info.width)
         self._cells = np.array(message.data, dtype=np.int8).reshape(height, width)
-        corner = compound(self._pose(strip_slash(message.header.frame_id)), _planar(info.origin))
+        corner = compound(self._pose(strip_slash(message.header.frame_id)), pose_in_plane(info.origin))
         self._grid = (float(info.resolution), float(corner[0]), float(corner[1]))
         self._drawn = False
 
@@ -203,16 +200,6 @@ class Heard:
         number = 1 if self._map is None else self._map["number"] + 1
         self._map = {"box": [round(value, 3) for value in box], "number": number}
         self._drawn = True
-
-
-def _planar(pose: Any) -> FloatArray:
-    """(3,) of a Pose or a Transform; one whose rotation was never set does not turn."""
-    at, turn = (
-        (pose.translation, pose.rotation) if hasattr(pose, "rotation") else (pose.position, pose.orientation)
-    )
-    x, y, z, w = (float(getattr(turn, name)) for name in "xyzw")
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)) if any((x, y, z, w)) else 0.0
-    return np.array([float(at.x), float(at.y), yaw])
 
 
 def _seconds(message: Any) -> float:

@@ -16,8 +16,7 @@ from typing import TypeVar
 
 from estimation.errors import InputError
 from whereabouts.logs.bags.encode import CLOUD_TYPE, ODOMETRY_TYPE, SCAN_TYPE, nanoseconds
-from whereabouts.logs.bags.ros import open_raw
-from whereabouts.logs.bags.storage import Topic
+from whereabouts.logs.bags.ros import RawLog, open_raw
 from whereabouts.logs.log import Log
 from whereabouts.logs.opening import detect, open_log
 from whereabouts.logs.summary import Summary
@@ -74,10 +73,31 @@ def convert_log(
         raise InputError(f"rate: positive number of scans per second expected, got {rate}")
     if seconds is not None and not seconds > 0.0:
         raise InputError(f"seconds: positive number expected, got {seconds}")
-    form, _ = detect(Path(source))
-    if form in ("rosbag1", "rosbag2"):
-        return _convert_bag(Path(source), Path(target), topics, report, seconds)
-    return _convert_text(Path(source), Path(target), topics, max_range, rate, report, seconds)
+    with _opened(Path(source), topics, max_range) as log, McapWriter(target) as writer:
+        steps = (
+            _copied(log, writer, seconds) if isinstance(log, RawLog) else _encoded(log, writer, rate, seconds)
+        )
+        for number, _ in enumerate(steps):
+            if report is not None and number % PROGRESS_EVERY == 0:
+                report(log.progress)
+        if not writer.counts:
+            reasons = "; ".join(log.summary.lines()) or "the topics asked for are not in it"
+            raise NothingRecognisedError(source, f"no message to write; {reasons}")
+        kinds = writer.counts_by_type
+        return Conversion(
+            kinds.get(SCAN_TYPE, 0),
+            kinds.get(ODOMETRY_TYPE, 0),
+            kinds.get(CLOUD_TYPE, 0),
+            dict(writer.counts),
+            ((writer.end or 0) - (writer.start or 0)) * 1e-9,
+            log.summary.copy(),
+        )
+
+
+def _opened(source: Path, topics: Iterable[str] | None, max_range: float | None) -> RawLog | Log:
+    if detect(source)[0] in ("rosbag1", "rosbag2"):
+        return open_raw(source, topics)
+    return open_log(source, topics, max_range)
 
 
 def _begun(items: Iterable[Item], stamp: Callable[[Item], float], span: float | None) -> Iterator[Item]:
@@ -90,49 +110,42 @@ def _begun(items: Iterable[Item], stamp: Callable[[Item], float], span: float | 
         yield item
 
 
-def _convert_bag(
-    source: Path,
-    target: Path,
-    topics: Iterable[str] | None,
-    report: Report | None,
-    seconds: float | None,
-) -> Conversion:
+def _copied(log: RawLog, writer: McapWriter, seconds: float | None) -> Iterator[None]:
+    """Writes one message of a bag at each step."""
     span = None if seconds is None else 1e9 * seconds
-    with open_raw(source, topics) as log, McapWriter(target) as writer:
-        for number, message in enumerate(_begun(log, lambda message: message.log_time, span)):
-            writer.write_raw(_absolute(message.topic), message.data, message.log_time)
-            if report is not None and number % PROGRESS_EVERY == 0:
-                report(log.progress)
-        if not writer.counts:
-            raise NothingRecognisedError(source, f"no message to write; {_reasons(log.summary)}")
-        return _figures(writer, log.summary)
+    for message in _begun(log, lambda message: message.log_time, span):
+        topic = message.topic
+        if not topic.name.startswith("/"):
+            # Old bags name some topics so; ROS 2 has no such topics on the wire.
+            topic = replace(topic, name=f"/{topic.name}")
+        writer.write_raw(topic, message.data, message.log_time)
+        yield
 
 
-def _absolute(topic: Topic) -> Topic:
-    """Old bags name some topics without their slash; ROS 2 has no such topics on the wire."""
-    return topic if topic.name.startswith("/") else replace(topic, name=f"/{topic.name}")
-
-
-def _convert_text(
-    source: Path,
-    target: Path,
-    topics: Iterable[str] | None,
-    max_range: float | None,
-    rate: float | None,
-    report: Report | None,
-    seconds: float | None,
-) -> Conversion:
-    chosen = None if topics is None else list(topics)
-    with open_log(source, chosen, max_range) as log, McapWriter(target) as writer:
-        records = _with_odometry(log) if rate is None else _at_rate(log, rate)
-        sink = _TextSink(writer, log)
-        for number, record in enumerate(_begun(records, lambda record: record.stamp, seconds)):
-            sink.write(record)
-            if report is not None and number % PROGRESS_EVERY == 0:
-                report(log.progress)
-        if not writer.counts:
-            raise NothingRecognisedError(source, f"no record to write; {_reasons(log.summary)}")
-        return _figures(writer, log.summary)
+def _encoded(log: Log, writer: McapWriter, rate: float | None, seconds: float | None) -> Iterator[None]:
+    """Writes one record of a text log at each step, at times that never go backwards, and the lasers' mounts."""
+    records = _with_odometry(log) if rate is None else _at_rate(log, rate)
+    clock = 0
+    mounts: dict[str, TransformRecord] = {}
+    for record in _begun(records, lambda record: record.stamp, seconds):
+        yield
+        try:
+            clock = max(clock, nanoseconds(record.stamp))
+        except InputError:
+            log.summary.skip(
+                "stamp that a ROS time cannot hold (0 to 2³¹ s); a rate gives new stamps", log.place
+            )
+            continue
+        if isinstance(record, OdometryRecord):
+            writer.write_odometry(record, clock)
+        elif isinstance(record, ScanRecord):
+            frame, mount = record.frame_id, record.sensor_pose
+            if mount is not None and frame not in mounts:
+                matrix = planar_matrix(mount)
+                mounts[frame] = TransformRecord(matrix, record.stamp, BASE_FRAME, frame, "tf_static")
+                # Latched topics keep their last message, so each has all mounts known by then.
+                writer.write_transforms(list(mounts.values()), clock)
+            writer.write_scan(record, clock)
 
 
 def _with_odometry(log: Log) -> Iterator[Record]:
@@ -163,52 +176,3 @@ def _at_rate(log: Log, rate: float) -> Iterator[Record]:
             paced = replace(record, scan=again, stamp=stamp)
             yield from _odometry_of(paced)
             yield paced
-
-
-class _TextSink:
-    """Writes records of a text log with log times that never go backwards, and the mounts of its lasers."""
-
-    def __init__(self, writer: McapWriter, log: Log) -> None:
-        self._writer = writer
-        self._log = log
-        self._clock = 0
-        self._mounts: dict[str, TransformRecord] = {}
-
-    def write(self, record: Record) -> None:
-        try:
-            self._clock = max(self._clock, nanoseconds(record.stamp))
-        except InputError:
-            reason = "stamp that a ROS time cannot hold (0 to 2³¹ s); a rate gives new stamps"
-            self._log.summary.skip(reason, self._log.place)
-            return
-        if isinstance(record, ScanRecord):
-            self._mount(record)
-            self._writer.write_scan(record, self._clock)
-        elif isinstance(record, OdometryRecord):
-            self._writer.write_odometry(record, self._clock)
-
-    def _mount(self, record: ScanRecord) -> None:
-        """Once per laser. Latched topics keep their last message, so each has all mounts known by then."""
-        if record.frame_id in self._mounts or record.sensor_pose is None:
-            return
-        self._mounts[record.frame_id] = TransformRecord(
-            planar_matrix(record.sensor_pose), record.stamp, BASE_FRAME, record.frame_id, "tf_static"
-        )
-        self._writer.write_transforms(list(self._mounts.values()), self._clock)
-
-
-def _reasons(summary: Summary) -> str:
-    return "; ".join(summary.lines()) or "the topics asked for are not in it"
-
-
-def _figures(writer: McapWriter, summary: Summary) -> Conversion:
-    kinds = writer.counts_by_type
-    duration = ((writer.end or 0) - (writer.start or 0)) * 1e-9
-    return Conversion(
-        kinds.get(SCAN_TYPE, 0),
-        kinds.get(ODOMETRY_TYPE, 0),
-        kinds.get(CLOUD_TYPE, 0),
-        dict(writer.counts),
-        duration,
-        summary.copy(),
-    )

@@ -17,6 +17,7 @@ ROS_MAGIC = {
     b"SQLite format 3\0": "rosbag2",
     b"\x28\xb5\x2f\xfd": "rosbag2",  # zstd, as rosbag2 compresses whole files
 }
+G2O_KEYWORDS = frozenset((b"VERTEX_SE2", b"EDGE_SE2"))
 SUFFIXES = {".clf": "carmen", ".log": "carmen", ".g2o": "g2o"}
 PACKED = (".bag", ".mcap", ".db3")
 READABLE = (
@@ -110,7 +111,6 @@ def _is_content(name: str) -> bool:
 
 def _text_format(path: Path, member: str | None) -> str:
     from whereabouts.logs.formats.carmen import KEYWORDS
-    from whereabouts.logs.formats.g2o_format import KEYWORDS as G2O_KEYWORDS
 
     head = TextSource(path, member).head()
     if not head:

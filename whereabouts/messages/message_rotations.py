@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,16 @@ def planar_matrix(pose: Sequence[float] | Array) -> Array:
     matrix[:2, :2] = (cosine, -sine), (sine, cosine)
     matrix[:2, 3] = pose[0], pose[1]
     return matrix
+
+
+def pose_in_plane(pose: Any) -> Array:
+    """[x, y, yaw] (3,) of a Pose or a Transform; one whose rotation was never set does not turn."""
+    at, turn = (
+        (pose.translation, pose.rotation) if hasattr(pose, "rotation") else (pose.position, pose.orientation)
+    )
+    x, y, z, w = (float(getattr(turn, name)) for name in "xyzw")
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)) if any((x, y, z, w)) else 0.0
+    return np.array([float(at.x), float(at.y), yaw])
 
 
 def to_plane(matrix: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
@@ -45,13 +44,3 @@ def explain(model: type[NodeParameters], problem: Any) -> str:
         if not problem["loc"]:
             return f"parameters: {expected}"
     return f"parameter {name}: {expected}, got {problem['input']!r}"
-
-
-def markdown_table(model: type[NodeParameters], names: Sequence[str] = ()) -> str:
-    """Parameters of a node, else the public ones, as a Markdown table; those fixed at the start are marked."""
-    lines = ["| parameter | default | allowed | meaning |", "| --- | --- | --- | --- |"]
-    for name in names or model.public:
-        field = model.model_fields[name]
-        mark = " †" if extra(field, "fixed") else ""
-        lines.append(f"| `{name}`{mark} | `{field.default}` | {allowed(field)} | {field.description} |")
-    return "\n".join(lines)

@@ -13,20 +13,11 @@ from whereabouts.parameters.parameter_base import NodeParameters, SharedParamete
 from whereabouts.parameters.registry import expert_names, model_of
 
 WIDTH = 112  # characters of a line
-TOP = """\
-# Parameters of the node {node} that a user sets, with their defaults.
-# Frames, and the rest: `whereabouts parameters {node}`, with --expert.
-"""
 PUBLIC = "# Parameters that a user sets, with their defaults; the rest: `whereabouts parameters --expert`.\n"
 EXPERT = """\
 # Parameters that hardly anybody changes, with their defaults. Keep what you change, and give the file to
 # `ros2 launch whereabouts suite.launch.py params_file:=FILE` or `whereabouts run --params FILE`.
 """
-
-
-def shipped_file(node: str) -> str:
-    """Content of `config/NODE.yaml`: public parameters for whatever name the node runs under."""
-    return TOP.format(node=node) + section("/**", model_of(node), model_of(node).public)
 
 
 def parameter_file(nodes: Sequence[str] = NODES, expert: bool = False) -> str:

@@ -125,7 +125,9 @@ class Reader:
                     refused[index] = f"detections[{index}]: {error}"
         for found, attributes in _things(framed):
             position, turned = frame.position(found.position, found.covariance)
-            words, numbers = self._with_symbols(attributes, _extent_of(found.width, found.height))
+            # Seen from one side it is taken to be as deep as it is wide.
+            extent = _measured(np.array([found.width, found.width, found.height]))
+            words, numbers = self._with_symbols(attributes, extent)
             objects.append(ObjectEvidence(position, turned, words, quantities=numbers))
         return WorldEvidence(objects), refused
 
@@ -158,7 +160,7 @@ class Reader:
             covariance = self.sigma**2 * np.eye(3)
         position, turned = frame.position(_vector(item.pose.pose.position), covariance)
         attributes: dict[str, dict[str, float]] = {}
-        quantities = _extent(item.size)
+        quantities = _measured(_vector(item.size))
         for given in item.attributes:
             name = str(given.name)
             discrete = _distribution(f"attributes[{name!r}]", given.discrete)
@@ -186,7 +188,7 @@ class Reader:
         if covariance is None:
             covariance = self.sigma**2 * np.eye(3)
         position, turned = frame.position(position, covariance)
-        words, numbers = self._with_symbols(attributes, _extent(item.bbox.size))
+        words, numbers = self._with_symbols(attributes, _measured(_vector(item.bbox.size)))
         return ObjectEvidence(position, turned, words, quantities=numbers)
 
     def _classified(self, results: Iterable[Any]) -> dict[str, dict[str, float]]:
@@ -311,17 +313,8 @@ def _distribution(name: str, given: Any) -> dict[str, float]:
     return dict(zip(values, probabilities, strict=True))
 
 
-def _extent(size: Any) -> dict[str, Gaussian]:
-    """Size (the diagonal) and ratio (height by width) of a detected extent; {} where it is not known."""
-    return _extents(_vector(size))
-
-
-def _extent_of(width: float, height: float) -> dict[str, Gaussian]:
-    """The same of something seen from one side: as deep as it is wide."""
-    return _extents(np.array([width, width, height]))
-
-
-def _extents(extent: Array) -> dict[str, Gaussian]:
+def _measured(extent: Array) -> dict[str, Gaussian]:
+    """Size (the diagonal) and ratio (height by width) of a detected extent (3,), m; {} where it is not known."""
     if (extent < 0.0).any():
         raise InputError(f"size: lengths of at least 0 m expected, got {extent.tolist()}")
     if not (extent >= SHORTEST).any():

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.geometry.poses import between, compound, inverse, pose_to_matrix, transform_points
+from estimation.geometry.poses import between, compound, inverse, pose_to_matrix
 from registration.odometry.follower import Odometry
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.wheel_history import NANOSECONDS, WheelHistory
@@ -128,13 +128,3 @@ def follow(
 
 def _of_wheels(topic: str) -> bool:
     return topic.strip("/").rsplit("/", 1)[-1] == "wheel_odom"
-
-
-def static_points(followed: FollowedPose, every: int = 1) -> Array:
-    """End points of a followed scan in the frame of the first, (M, 2) metres."""
-    assert isinstance(followed.record, ScanRecord)
-    mount = followed.record.sensor_pose
-    points = followed.record.scan.points()[::every]
-    if mount is not None:
-        points = transform_points(mount, points)
-    return np.asarray(transform_points(followed.pose, points))

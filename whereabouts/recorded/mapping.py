@@ -18,6 +18,7 @@ from loop_closure.slam.trajectory import Slam
 from loop_closure.slam_config import Proposals, SlamConfig
 from registration.odometry.odometry_config import OdometryConfig
 from whereabouts.logs import CloudRecord, Log
+from whereabouts.messages.message_rotations import to_plane
 from whereabouts.recorded.follow import FollowedPose, follow
 from whereabouts.system.atomic import atomic_path
 
@@ -187,10 +188,6 @@ def closure_rows(mapped: Mapped) -> list[str]:
     """Lines of the closures file: stamp_a, stamp_b and the pose of b in a."""
     rows = ["stamp_a,stamp_b,x,y,yaw"]
     for a, b, relative in mapped.closures:
-        planar = relative if relative.shape == (3,) else _planar(relative)
-        rows.append(f"{a:.9f},{b:.9f},{planar[0]:.6f},{planar[1]:.6f},{planar[2]:.6f}")
+        x, y, yaw = relative if relative.shape == (3,) else to_plane(relative)
+        rows.append(f"{a:.9f},{b:.9f},{x:.6f},{y:.6f},{yaw:.6f}")
     return rows
-
-
-def _planar(matrix: Array) -> Array:
-    return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from whereabouts.logs import RawMessage, open_raw
-from whereabouts.logs.bags.ros_types import Decoder
-from whereabouts.logs.bags.storage import Topic
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.recorded.camera_log import PATIENCE, TYPES, CameraLog, CameraSettings
@@ -56,7 +54,6 @@ class EvidenceLog:
         self._waiting: deque[tuple[str, Any, RawMessage]] = deque()
         self._reader = reader
         self._bag = open_raw(path)
-        self._decoders: dict[str, Decoder] = {}
 
     @property
     def summary(self) -> Summary:
@@ -74,7 +71,7 @@ class EvidenceLog:
             if raw.type_name not in (EVIDENCE, DETECTIONS, TARGETS, *TYPES):
                 continue
             try:
-                message = self._decoder(raw.topic)(raw.data)
+                message = raw.decoded()
                 if raw.type_name in TYPES:
                     self.camera.take(raw.type_name, message, raw.name)
                 else:
@@ -120,12 +117,6 @@ class EvidenceLog:
                 self._bag.summary.skip(f"boxes: {found}", f"time {seconds:.3f}")
             else:
                 yield LoggedLook(seconds, self.frame, found, ())
-
-    def _decoder(self, topic: Topic) -> Decoder:
-        if topic.name not in self._decoders:
-            # What `open_raw` hands out is CDR already.
-            self._decoders[topic.name] = Decoder(replace(topic, to_cdr=None))
-        return self._decoders[topic.name]
 
     def _look(self, type_name: str, message: Any, last: bool) -> LoggedLook:
         header = message.header

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import tempfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from estimation.geometry.poses import pose_to_matrix
-from whereabouts.logs import CarmenLog, G2oLog, OdometryRecord, ScanRecord, open_log, open_raw
-from whereabouts.logs.bags.ros_types import Decoder
+from whereabouts.logs import RawMessage, convert_log, open_raw
+from whereabouts.logs.opening import detect
 from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, scans, seconds
-from whereabouts.messages.records import CloudRecord, TransformRecord, strip_slash
+from whereabouts.messages.records import TransformRecord, strip_slash
 from whereabouts.robot.survey import ODOMETRY, SCAN, TF, Seen, Survey
 
 # What a recording holds shows within its first minute, but for transforms that are latched later.
@@ -24,42 +21,41 @@ FEW = 5
 
 
 def survey_bag(path: Path, look_at: float = LOOK_AT_SECONDS) -> Survey:
-    """Look into the first `look_at` seconds of a recording.
+    """Look into the first `look_at` seconds of a recording; a log without topics is made a bag of first.
 
     Raises
     ------
     LogError : it cannot be read.
     """
-    with open_log(path) as log:
-        if isinstance(log, CarmenLog | G2oLog):
-            return _converted(path, log, look_at)
+    if detect(path)[0] in ("carmen", "g2o"):
+        with tempfile.TemporaryDirectory() as folder:
+            bag = Path(folder) / "log.mcap"
+            made = convert_log(path, bag, seconds=look_at)
+            survey = survey_bag(bag, look_at)
+        survey.source, survey.left_out = str(path), made.summary.lines()
+        return survey
     survey = Survey(str(path))
     with open_raw(path) as raw:
         for topic in raw.topics:
             survey.topics[topic.name] = Seen(topic.name, topic.type_name, qos=topic.qos)
-        decoders: dict[str, Any] = {}
         first: int | None = None
         for count, message in enumerate(raw):
             first = message.log_time if first is None else first
             survey.seconds = (message.log_time - first) / 1e9
             if survey.seconds > look_at and count > LEAST_MESSAGES:
                 break
-            _look(survey, decoders, message)
+            _look(survey, message)
         survey.left_out = raw.summary.lines()
     return survey
 
 
-def _look(survey: Survey, decoders: dict[str, Any], message: Any) -> None:
+def _look(survey: Survey, message: RawMessage) -> None:
     topic = message.topic
     seen = survey.topics.setdefault(topic.name, Seen(topic.name, topic.type_name, qos=topic.qos))
     if topic.type_name not in RECORDS and seen.count >= FEW:
         return
     try:
-        decode = decoders.get(topic.name)
-        if decode is None:
-            # What `open_raw` hands out is CDR already.
-            decode = decoders[topic.name] = Decoder(replace(topic, to_cdr=None))
-        look_at_message(survey, seen, decode(message.data), message.log_time / 1e9)
+        look_at_message(survey, seen, message.decoded(), message.log_time / 1e9)
     except UnreadableTypeError:
         return
     except UnusableMessageError as error:
@@ -88,38 +84,3 @@ def look_at_message(survey: Survey, seen: Seen, message: Any, received: float) -
         seen.empty += not any(record.scan.valid.any() for record in scans(message, seen.name))
     elif seen.kind == ODOMETRY:
         seen.child = strip_slash(message.child_frame_id)
-
-
-def _converted(path: Path, log: Any, look_at: float) -> Survey:
-    """A log without topics, as `whereabouts convert` makes a bag of it."""
-    survey = Survey(str(path))
-    begin: float | None = None
-    for record in log:
-        begin = record.stamp if begin is None else begin
-        survey.seconds = max(survey.seconds, record.stamp - begin)
-        if survey.seconds > look_at:
-            break
-        if isinstance(record, ScanRecord):
-            _scan(survey, record)
-        elif isinstance(record, OdometryRecord | CloudRecord):
-            _note(survey, record.topic, ODOMETRY, record.stamp, record.frame_id)
-    return survey
-
-
-def _scan(survey: Survey, record: ScanRecord) -> None:
-    seen = _note(survey, record.topic, SCAN, record.stamp, record.frame_id)
-    seen.range_max = record.scan.range_max
-    seen.empty += not record.scan.valid.any()
-    if record.odometry is not None:
-        _note(survey, "wheel_odom", ODOMETRY, record.stamp, "odom").child = "base_link"
-    if record.sensor_pose is not None:
-        x, y, yaw = np.asarray(record.sensor_pose)
-        mount = pose_to_matrix(np.array([x, y, 0.0, 0.0, 0.0, yaw]))
-        survey.add_transform("base_link", record.frame_id, mount, record.stamp, "/tf_static")
-
-
-def _note(survey: Survey, topic: str, kind: str, stamp: float, frame: str) -> Seen:
-    name = f"/{strip_slash(topic)}"
-    seen = survey.topics.setdefault(name, Seen(name, kind))
-    seen.note(stamp, frame, stamp)
-    return seen

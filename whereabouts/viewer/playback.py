@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
 from whereabouts.logs import open_raw
-from whereabouts.logs.bags.ros_types import Decoder
 from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.system.log_errors import NothingRecognisedError
 from whereabouts.viewer.drawable import Shape
@@ -66,7 +64,6 @@ def _messages(
     progress: Callable[[float], None],
 ) -> Iterator[tuple[int, str, str, object]]:
     """(time of recording, type, topic, message) of what can be drawn."""
-    decoders: dict[str, Decoder] = {}
     with open_raw(path) as bag:
         for raw in bag:
             topic = raw.name.removeprefix(namespace)
@@ -75,10 +72,7 @@ def _messages(
             if topic.lstrip("/").startswith(tuple(hidden)):
                 continue
             try:
-                if raw.name not in decoders:
-                    # What `open_raw` hands out is CDR already.
-                    decoders[raw.name] = Decoder(replace(raw.topic, to_cdr=None))
-                message = decoders[raw.name](raw.data)
+                message = raw.decoded()
             except UnreadableTypeError:
                 continue
             progress(bag.progress)

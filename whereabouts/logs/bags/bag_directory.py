@@ -8,7 +8,6 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -55,42 +54,22 @@ def open_bag_file(
     if magic.startswith(b"#ROSBAG"):
         return Ros1File(path, summary, shown, limit)
     if magic.startswith(ZSTD_MAGIC):
-        return UnpackedFile(path, summary, _inflate_zstd, limit)
+        return _unpacked(path, summary, _inflate_zstd, limit)
     if magic.startswith(ZIP_MAGIC):
-        return UnpackedFile(path, summary, _inflate_zip, limit)
+        return _unpacked(path, summary, _inflate_zip, limit)
     refuse_compressed_bag(shown or path, TextSource(path).head(16))
     problem = "is no bag: neither MCAP, sqlite3 nor ROS 1; `whereabouts convert` makes one of other logs"
     raise UnknownFormatError(shown or path, problem)
 
 
-class UnpackedFile:
-    """A bag inside a compressed file, unpacked into a temporary directory: bags need random access."""
-
-    def __init__(
-        self, path: Path, summary: Summary, inflate: Callable[[Path, Path, int], None], limit: int
-    ) -> None:
-        self._directory = tempfile.TemporaryDirectory(prefix="whereabouts-")
-        unpacked = Path(self._directory.name) / "bag"
-        try:
-            inflate(path, unpacked, limit)
-            self._file = open_bag_file(unpacked, summary, path, limit)
-        except BaseException:
-            self._directory.cleanup()
-            raise
-
-    @property
-    def progress(self) -> float:
-        return self._file.progress
-
-    def topics(self) -> list[Topic]:
-        return self._file.topics()
-
-    def messages(self) -> Iterator[Stored]:
-        return self._file.messages()
-
-    def close(self) -> None:
-        self._file.close()
-        self._directory.cleanup()
+def _unpacked(
+    path: Path, summary: Summary, inflate: Callable[[Path, Path, int], None], limit: int
+) -> BagFile:
+    """A bag inside a compressed file, on disk as long as it is open: bags need random access."""
+    with tempfile.TemporaryDirectory(prefix="whereabouts-") as folder:
+        unpacked = Path(folder) / "bag"
+        inflate(path, unpacked, limit)
+        return open_bag_file(unpacked, summary, path, limit)
 
 
 def _inflate_zstd(path: Path, target: Path, limit: int) -> None:
@@ -214,7 +193,7 @@ class BagDirectory:
             form = information.get("compression_format")
             raise UnknownFormatError(source, f"compression {form} is not known, zstd is")
         if compressed and str(information["compression_mode"]).lower() == "message":
-            self._inflate = partial(inflate_message, path=self.path, limit=self._limit)
+            self._inflate = lambda data: unpack("zstd", data, self.path, self._limit)
         files = [self.path / name for name in names]
         missing = [file.name for file in files if not file.is_file()]
         if missing or not files:
@@ -225,11 +204,6 @@ class BagDirectory:
         type_hash = topic.get("type_description_hash") or ""
         qos = parse_qos(topic.get("offered_qos_profiles") or "")
         self._recorded[topic["name"], topic["type"]] = type_hash, qos
-
-
-def inflate_message(data: bytes, path: Path = Path(), limit: int = UNPACKED_LIMIT) -> bytes:
-    """A message of a bag compressed by message; rosbag2 writes frames with and without their size."""
-    return unpack("zstd", data, path, limit)
 
 
 def _by_number(path: Path) -> tuple[list[int], str]:

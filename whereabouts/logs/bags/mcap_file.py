@@ -9,20 +9,26 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, Schema
 
-from whereabouts.logs.bags.storage import ChunkedFile, Stored, Topic, parse_qos
+from whereabouts.logs.bags.storage import (
+    DECODING_ERRORS,
+    BrokenOffError,
+    ChunkedFile,
+    Stored,
+    Topic,
+    parse_qos,
+)
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
 from whereabouts.logs.summary import Summary
-from whereabouts.system.log_errors import OversizedLogError, UnknownFormatError
+from whereabouts.system.log_errors import UnknownFormatError
 
 MAGIC = b"\x89MCAP0\r\n"
 _PREFIX = struct.Struct("<BQ")
@@ -31,17 +37,6 @@ _FOOTER_SIZE = _PREFIX.size + 20
 _FORMATS = {"ros2msg": "ros2msg", "ros2idl": "ros2idl", "omgidl": "ros2idl"}
 # A record longer than this is a sign of damage, not of data (rosbag2 writes chunks below 1 MiB).
 _LARGEST_RECORD = 1 << 32
-_DECODING_ERRORS = (
-    ValueError,
-    KeyError,
-    RuntimeError,
-    EOFError,
-    MemoryError,
-    struct.error,
-    McapError,
-    OverflowError,  # a length that no file has
-    zstandard.ZstdError,
-)
 
 
 class McapFile(ChunkedFile):
@@ -75,7 +70,7 @@ class McapFile(ChunkedFile):
                     self._note_chunk(ChunkIndex.read(ReadDataStream(BytesIO(content))))
                 elif opcode == Opcode.FOOTER:
                     break
-        except (_BrokenOffError, *_DECODING_ERRORS):
+        except DECODING_ERRORS:
             self._chunks.clear()
             self._summary.note(f"{self._shown.name}: index damaged, read from front to back", "its end")
             return True
@@ -97,18 +92,12 @@ class McapFile(ChunkedFile):
             if channel.id not in self._topics:
                 self._topics[channel.id] = _topic(channel, self._schemas.get(channel.schema_id))
 
-    def _load(self, offset: int) -> list[Stored]:
+    def _chunk_at(self, offset: int) -> list[Stored]:
         self._stream.seek(offset)
-        try:
-            opcode, _, content = next(_frames(self._stream, self._size))
-            if opcode == Opcode.CHUNK:
-                return self._unpack(content, offset)
-        except OversizedLogError:
-            raise
-        except (_BrokenOffError, StopIteration, *_DECODING_ERRORS):
-            pass
-        self._summary.skip(f"{self._shown.name}: damaged chunk", f"byte {offset}")
-        return []
+        opcode, _, content = next(_frames(self._stream, self._size))
+        if opcode != Opcode.CHUNK:
+            raise ValueError("another record in the place of a chunk")
+        return self._unpack(content, offset)
 
     def _unpack(self, content: bytes, offset: int) -> list[Stored]:
         chunk = Chunk.read(ReadDataStream(BytesIO(content)))
@@ -155,10 +144,10 @@ class McapFile(ChunkedFile):
                     break
                 if opcode == Opcode.CHUNK:
                     unit = "chunk"
-                yield from self._read(opcode, content, offset)
-        except _BrokenOffError as error:
+                what = "chunk" if opcode == Opcode.CHUNK else "record"
+                yield from self._whole(what, offset, partial(self._read, opcode, content, offset))
+        except BrokenOffError as error:
             offset = error.offset
-        self._scanned = True
         if not self._finished:
             self._summary.note(
                 f"{self._shown.name}: not finished by its recorder, read up to the last whole {unit}",
@@ -166,27 +155,13 @@ class McapFile(ChunkedFile):
             )
 
     def _read(self, opcode: int, content: bytes, offset: int) -> list[Stored]:
-        """Messages of a record outside the index; none where it is damaged, which is counted."""
-        try:
-            if opcode == Opcode.CHUNK:
-                return sorted(self._unpack(content, offset), key=lambda stored: stored.log_time)
-            if opcode == Opcode.MESSAGE:
-                return self._message(memoryview(content), f"byte {offset}")
-            self._declare(opcode, content)
-        except OversizedLogError:
-            raise
-        except _DECODING_ERRORS:
-            what = "chunk" if opcode == Opcode.CHUNK else "record"
-            self._summary.skip(f"{self._shown.name}: damaged {what}", f"byte {offset}")
+        """Messages of a record outside the index."""
+        if opcode == Opcode.CHUNK:
+            return self._unpack(content, offset)
+        if opcode == Opcode.MESSAGE:
+            return self._message(memoryview(content), f"byte {offset}")
+        self._declare(opcode, content)
         return []
-
-
-class _BrokenOffError(Exception):
-    """The file ends inside the record that begins at `offset`."""
-
-    def __init__(self, offset: int) -> None:
-        super().__init__(offset)
-        self.offset = offset
 
 
 def _frames(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
@@ -196,10 +171,10 @@ def _frames(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
         stream.seek(offset)
         prefix = stream.read(_PREFIX.size)
         if len(prefix) < _PREFIX.size:
-            raise _BrokenOffError(offset)
+            raise BrokenOffError(offset)
         opcode, length = _PREFIX.unpack(prefix)
         if length > min(size - offset - _PREFIX.size, _LARGEST_RECORD):
-            raise _BrokenOffError(offset)
+            raise BrokenOffError(offset)
         yield opcode, offset, stream.read(length)
         offset += _PREFIX.size + length
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from whereabouts.logs.bags.bag_directory import open_bag
-from whereabouts.logs.bags.ros_types import Decoder
+from whereabouts.logs.bags.ros_types import decoded, types_of
 from whereabouts.logs.bags.storage import Stored, Topic, wanted_by
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.log import Log
@@ -38,8 +38,6 @@ class RosLog(Log):
         _check(path)
         self._bag = open_bag(path, self.summary, unpacked_limit)
         self._found = self.summary.copy()
-        self._decoders: dict[int, Decoder | str] = {}
-        self._keep: list[Topic] = []
 
     @property
     def progress(self) -> float:
@@ -61,36 +59,23 @@ class RosLog(Log):
 
     def _decode(self, stored: Stored) -> Iterator[Record]:
         topic = stored.topic
-        decoder = self._decoder(topic)
-        if isinstance(decoder, str):
-            self.summary.skip(decoder, stored.where)
+        if topic.type_name not in RECORDS and self._wanted is None and not topic.problem:
+            self.summary.skip(f"{topic.name}: {topic.type_name} is not used", stored.where)
             return
         try:
-            records = _records_of(decoder(stored.data), stored)
+            types_of(topic)
+        except UnreadableTypeError as error:
+            self.summary.skip(f"{topic.name}: {topic.type_name} cannot be read: {error}", stored.where)
+            return
+        try:
+            yield from _records_of(stored)
         except (UnreadableTypeError, UnusableMessageError) as error:
             self.summary.skip(f"{topic.name}: {error}", stored.where)
-            return
-        yield from records
-
-    def _decoder(self, topic: Topic) -> Decoder | str:
-        """What decodes the topic's messages, or why nothing does."""
-        found = self._decoders.get(id(topic))
-        if found is None:
-            self._keep.append(topic)  # an id is unique only as long as its object lives
-            found = self._decoders[id(topic)] = self._make_decoder(topic)
-        return found
-
-    def _make_decoder(self, topic: Topic) -> Decoder | str:
-        if topic.type_name not in RECORDS and self._wanted is None and not topic.problem:
-            return f"{topic.name}: {topic.type_name} is not used"
-        try:
-            return Decoder(topic)
-        except UnreadableTypeError as error:
-            return f"{topic.name}: {topic.type_name} cannot be read: {error}"
 
 
-def _records_of(message: Any, stored: Stored) -> list[Record]:
+def _records_of(stored: Stored) -> list[Record]:
     topic = stored.topic
+    message = decoded(topic, stored.cdr())
     name = strip_slash(topic.name)
     handler = RECORDS.get(topic.type_name)
     if handler is None:
@@ -118,6 +103,10 @@ class RawMessage:
     def type_name(self) -> str:
         """Such as "sensor_msgs/msg/LaserScan"."""
         return self.topic.type_name
+
+    def decoded(self) -> Any:
+        """The message, its fields as attributes. Raises UnreadableTypeError."""
+        return decoded(self.topic, self.data)
 
 
 class RawLog:
@@ -158,9 +147,9 @@ class RawLog:
                 self.summary.skip(f"{topic.name}: {topic.type_name}: {topic.problem}", stored.where)
                 continue
             try:
-                data = stored.data if topic.to_cdr is None else topic.to_cdr(stored.data)
-            except Exception:  # generated code on arbitrary bytes: any error means the same
-                self.summary.skip(f"{topic.name}: bytes do not fit {topic.type_name}", stored.where)
+                data = stored.cdr()
+            except UnreadableTypeError as error:
+                self.summary.skip(f"{topic.name}: {error}", stored.where)
                 continue
             self.summary.count(strip_slash(topic.name))
             yield RawMessage(topic, data, stored.log_time)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -12,6 +13,8 @@ from whereabouts.logs.bags.storage import Topic
 from whereabouts.messages.cdr import UnreadableTypeError
 
 _IDL_SEPARATOR = "=" * 80 + "\nIDL: "
+# What `types_of` found for each topic that is still in use, or why there is nothing.
+_FOUND: WeakKeyDictionary[Topic, Typestore | str] = WeakKeyDictionary()
 
 
 @lru_cache(maxsize=1)
@@ -27,6 +30,18 @@ def types_of(topic: Topic) -> Typestore:
     ------
     UnreadableTypeError : no definition, or one that cannot be parsed.
     """
+    if topic not in _FOUND:
+        try:
+            _FOUND[topic] = _parsed(topic)
+        except UnreadableTypeError as error:
+            _FOUND[topic] = str(error)
+    found = _FOUND[topic]
+    if isinstance(found, str):
+        raise UnreadableTypeError(found)
+    return found
+
+
+def _parsed(topic: Topic) -> Typestore:
     if topic.problem:
         raise UnreadableTypeError(topic.problem)
     if not topic.definition:
@@ -49,23 +64,15 @@ def types_of(topic: Topic) -> Typestore:
     return store
 
 
-class Decoder:
-    """Decodes messages of one topic."""
+def decoded(topic: Topic, cdr: bytes) -> Any:
+    """A message of a topic, its fields as attributes.
 
-    def __init__(self, topic: Topic) -> None:
-        self._store = types_of(topic)
-        self._type = topic.type_name
-        self._to_cdr = topic.to_cdr
-
-    def __call__(self, data: bytes) -> Any:
-        """The message, its fields as attributes.
-
-        Raises
-        ------
-        UnreadableTypeError : the bytes do not fit the type.
-        """
-        try:
-            cdr = data if self._to_cdr is None else self._to_cdr(data)
-            return self._store.deserialize_cdr(cdr, self._type)
-        except Exception as error:  # generated code on arbitrary bytes: any error means the same
-            raise UnreadableTypeError("bytes do not fit the type") from error
+    Raises
+    ------
+    UnreadableTypeError : as `types_of`, or the bytes do not fit the type.
+    """
+    store = types_of(topic)
+    try:
+        return store.deserialize_cdr(cdr, topic.type_name)
+    except Exception as error:  # generated code on arbitrary bytes: any error means the same
+        raise UnreadableTypeError(f"bytes do not fit {topic.type_name}") from error

@@ -9,14 +9,15 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
 from whereabouts.logs.bags.ros1_types import topic_of
-from whereabouts.logs.bags.storage import ChunkedFile, Stored
+from whereabouts.logs.bags.storage import DECODING_ERRORS, BrokenOffError, ChunkedFile, Stored
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
 from whereabouts.logs.summary import Summary
-from whereabouts.system.log_errors import DamagedLogError, OversizedLogError, UnknownFormatError
+from whereabouts.system.log_errors import DamagedLogError, UnknownFormatError
 
 VERSION = re.compile(rb"#ROSBAG V(\d+\.\d+)\n")
 MESSAGE, BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 5, 6, 7
@@ -24,7 +25,6 @@ Fields = dict[bytes, bytes]
 
 _LENGTH = struct.Struct("<I")
 _TIME = struct.Struct("<II")
-_DECODING_ERRORS = (ValueError, KeyError, RuntimeError, EOFError, OSError, struct.error)
 _REINDEX = "`rosbag reindex` repairs the file itself"
 
 
@@ -57,12 +57,12 @@ class Ros1File(ChunkedFile):
                 raise UnknownFormatError(self._shown, "is encrypted; `rosbag decrypt` it first")
             index = int.from_bytes(fields[b"index_pos"], "little")
             counts = _LENGTH.unpack(fields[b"conn_count"])[0], _LENGTH.unpack(fields[b"chunk_count"])[0]
-        except (_BrokenOffError, KeyError, struct.error) as error:
+        except (BrokenOffError, KeyError, struct.error) as error:
             raise DamagedLogError(self._shown, "breaks off in its header; nothing can be read") from error
         try:
             if index:
                 self._read_index(index, *counts)
-        except (_BrokenOffError, *_DECODING_ERRORS):
+        except DECODING_ERRORS:
             self._topics.clear()
             self._chunks.clear()
         if not self._indexed:
@@ -90,15 +90,9 @@ class Ros1File(ChunkedFile):
         if number not in self._topics:
             self._topics[number] = topic_of(fields[b"topic"], _fields(data))
 
-    def _load(self, offset: int) -> list[Stored]:
-        try:
-            fields, data, _ = _read_record(self._stream, offset, self._size)
-            return self._unpack(fields, data, offset)
-        except OversizedLogError:
-            raise
-        except (_BrokenOffError, *_DECODING_ERRORS):
-            self._summary.skip(f"{self._shown.name}: damaged chunk", f"byte {offset}")
-            return []
+    def _chunk_at(self, offset: int) -> list[Stored]:
+        fields, data, _ = _read_record(self._stream, offset, self._size)
+        return self._unpack(fields, data, offset)
 
     def _unpack(self, fields: Fields, data: bytes, offset: int) -> list[Stored]:
         """Messages of a chunk in the order they lie in it."""
@@ -126,45 +120,39 @@ class Ros1File(ChunkedFile):
             try:
                 fields, data, following = _read_record(self._stream, offset, self._size)
                 operation = fields[b"op"][0]
-            except (_BrokenOffError, KeyError, IndexError):
+            except (BrokenOffError, KeyError, IndexError):
                 reason = f"{self._shown.name}: breaks off, read up to the last whole chunk; {_REINDEX}"
                 self._summary.note(reason, f"byte {offset}")
                 return
-            messages: list[Stored] = []
-            try:
-                if operation == CONNECTION:
-                    self._declare(fields, data)
-                elif operation == CHUNK:
-                    messages = self._unpack(fields, data, offset)
-            except OversizedLogError:
-                raise
-            except _DECODING_ERRORS:
-                what = "chunk" if operation == CHUNK else "record"
-                self._summary.skip(f"{self._shown.name}: damaged {what}", f"byte {offset}")
-            yield from sorted(messages, key=lambda stored: stored.log_time)
+            what = "chunk" if operation == CHUNK else "record"
+            yield from self._whole(what, offset, partial(self._read, operation, fields, data, offset))
             offset = following
 
-
-class _BrokenOffError(Exception):
-    """The file ends inside a record."""
+    def _read(self, operation: int, fields: Fields, data: bytes, offset: int) -> list[Stored]:
+        """Messages of a record outside the index."""
+        if operation == CHUNK:
+            return self._unpack(fields, data, offset)
+        if operation == CONNECTION:
+            self._declare(fields, data)
+        return []
 
 
 def _read_record(stream: BinaryIO, offset: int, size: int) -> tuple[Fields, bytes, int]:
     """(header fields, data, offset of the next record) of the record at a byte offset."""
     stream.seek(offset)
-    parts = []
+    begin, parts = offset, []
     for _ in range(2):
         prefix = stream.read(_LENGTH.size)
         offset += _LENGTH.size
         length = _LENGTH.unpack(prefix)[0] if len(prefix) == _LENGTH.size else size
         if length > size - offset:
-            raise _BrokenOffError
+            raise BrokenOffError(begin)
         parts.append(stream.read(length))
         offset += length
     try:
         return _fields(parts[0]), parts[1], offset
     except (ValueError, struct.error) as error:
-        raise _BrokenOffError from error
+        raise BrokenOffError(begin) from error
 
 
 def _split(content: bytes, position: int) -> tuple[Fields, int, int]:

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import heapq
+import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol
 
 import yaml
+import zstandard
+from mcap.exceptions import McapError
 
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.formats.text import open_file
 from whereabouts.logs.summary import Summary
+from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.messages.records import strip_slash
-
-Place = TypeVar("Place")
+from whereabouts.system.log_errors import OversizedLogError
 
 # Numbers of rmw, as written by rosbag2 up to Iron; later ones write the names.
 _QOS_NAMES = {
@@ -69,6 +73,13 @@ class Stored(NamedTuple):
     log_time: int
     where: str
 
+    def cdr(self) -> bytes:
+        """The message as ROS 2 has it. Raises UnreadableTypeError where its bytes do not fit."""
+        try:
+            return self.data if self.topic.to_cdr is None else self.topic.to_cdr(self.data)
+        except Exception as error:  # generated code on arbitrary bytes: any error means the same
+            raise UnreadableTypeError(f"bytes do not fit {self.topic.type_name}") from error
+
 
 class BagFile(Protocol):
     """A bag file or a set of them."""
@@ -85,6 +96,31 @@ class BagFile(Protocol):
 
     def close(self) -> None:
         """Release files."""
+
+
+class BrokenOffError(Exception):
+    """The file ends inside the record that begins at `offset`."""
+
+    def __init__(self, offset: int) -> None:
+        super().__init__(offset)
+        self.offset = offset
+
+
+# What damaged bytes make the decoders of records, chunks and compressed data raise.
+DECODING_ERRORS = (
+    BrokenOffError,
+    ValueError,
+    KeyError,
+    IndexError,
+    RuntimeError,
+    EOFError,
+    OSError,
+    MemoryError,
+    OverflowError,  # a length that no file has
+    struct.error,
+    McapError,
+    zstandard.ZstdError,
+)
 
 
 class ChunkedFile(ABC):
@@ -125,50 +161,52 @@ class ChunkedFile(ABC):
         return list(self._topics.values())
 
     def messages(self) -> Iterator[Stored]:
-        return in_time_order(self._chunks, self._load) if self._indexed else self._scan()
+        yield from self._in_time_order() if self._indexed else self._scan()
+        self._scanned = True
 
     @abstractmethod
-    def _load(self, offset: int) -> list[Stored]:
-        """Messages of the chunk at a byte offset; none where it is damaged, which is counted."""
+    def _chunk_at(self, offset: int) -> list[Stored]:
+        """Messages of the chunk at a byte offset. Raises one of DECODING_ERRORS where it is damaged."""
 
     @abstractmethod
     def _scan(self) -> Iterator[Stored]:
         """From front to back, each chunk by log time, up to where the file breaks off."""
 
+    def _whole(self, what: str, offset: int, read: Callable[[], list[Stored]]) -> list[Stored]:
+        """What is read of a chunk or a record, by log time; none where it is damaged, which is counted."""
+        try:
+            return sorted(read(), key=lambda stored: stored.log_time)
+        except OversizedLogError:
+            raise
+        except DECODING_ERRORS:
+            self._summary.skip(f"{self._shown.name}: damaged {what}", f"byte {offset}")
+            return []
 
-def in_time_order(
-    chunks: Iterable[tuple[int, Place]], load: Callable[[Place], list[Stored]]
-) -> Iterator[Stored]:
-    """Messages of chunks by log time, loading a chunk only when its time has come.
+    def _in_time_order(self) -> Iterator[Stored]:
+        """Messages by log time, each chunk loaded only when its time has come.
 
-    chunks : (log time of the first message, place) of each; sorted here. Chunks that overlap in time are open
-        together, so memory is that of the overlapping chunks.
-    load : messages of one chunk, in any order.
-    """
-    waiting = sorted(enumerate(chunks), key=lambda item: (item[1][0], item[0]))
-    open_chunks: list[tuple[int, int, int, list[Stored]]] = []  # (time, rank, position, messages)
-    rank = 0
-    while rank < len(waiting) or open_chunks:
-        start = waiting[rank][1][0] if rank < len(waiting) else None
-        if start is not None and (not open_chunks or start <= open_chunks[0][0]):
-            messages = sorted(load(waiting[rank][1][1]), key=_log_time)
-            if messages:
-                heapq.heappush(open_chunks, (messages[0].log_time, rank, 0, messages))
-            rank += 1
-            continue
-        _, chunk, position, messages = heapq.heappop(open_chunks)
-        alone = not open_chunks and (start is None or messages[-1].log_time < start)
-        if alone:
-            yield from messages[position:]
-            continue
-        yield messages[position]
-        if position + 1 < len(messages):
-            following = (messages[position + 1].log_time, chunk, position + 1, messages)
-            heapq.heappush(open_chunks, following)
-
-
-def _log_time(message: Stored) -> int:
-    return message.log_time
+        Chunks that overlap in time are open together, so memory is that of the overlapping chunks.
+        """
+        waiting = sorted(self._chunks, key=lambda chunk: chunk[0])
+        open_chunks: list[tuple[int, int, int, list[Stored]]] = []  # (time, rank, position, messages)
+        rank = 0
+        while rank < len(waiting) or open_chunks:
+            start = waiting[rank][0] if rank < len(waiting) else None
+            if start is not None and (not open_chunks or start <= open_chunks[0][0]):
+                offset = waiting[rank][1]
+                messages = self._whole("chunk", offset, partial(self._chunk_at, offset))
+                if messages:
+                    heapq.heappush(open_chunks, (messages[0].log_time, rank, 0, messages))
+                rank += 1
+                continue
+            _, chunk, position, messages = heapq.heappop(open_chunks)
+            if not open_chunks and (start is None or messages[-1].log_time < start):
+                yield from messages[position:]
+                continue
+            yield messages[position]
+            if position + 1 < len(messages):
+                following = (messages[position + 1].log_time, chunk, position + 1, messages)
+                heapq.heappush(open_chunks, following)
 
 
 def wanted_by(names: Iterable[str] | None) -> Callable[[str], bool]:

@@ -32,6 +32,7 @@ def unpack(form: str, data: bytes, path: Path, limit: int, where: str = "") -> b
     """
     limit = min(limit, BLOCK_LIMIT)
     if form == "zstd":
+        # Frames come with and without their size.
         with zstandard.ZstdDecompressor().stream_reader(data) as stream:
             found = stream.read(limit + 1)
     elif form == "lz4":

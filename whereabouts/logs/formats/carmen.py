@@ -109,9 +109,6 @@ class CarmenLog(Log):
             except InputError as error:
                 self.summary.skip(f"scan refused: {error}", f"line {number}")
                 continue
-            except _UnusedLineError as unused:
-                self.summary.skip(str(unused), f"line {number}")
-                continue
             recognised += 1
             if record is not None and self.wants(record.topic):
                 self._place = f"line {number}"
@@ -133,8 +130,8 @@ class CarmenLog(Log):
             self._parameter(fields)
             return None
         if keyword in OTHER_MESSAGES:
-            raise _UnusedLineError(f"{keyword.decode()} messages, not used")
-        raise _UnusedLineError("not a CARMEN message")
+            raise BadLineError(f"{keyword.decode()} messages, not used")
+        raise BadLineError("not a CARMEN message")
 
     def _limit(self, side: str) -> float | None:
         return self._lasers[side].max_range if self._max_range is None else self._max_range
@@ -157,7 +154,7 @@ class CarmenLog(Log):
         if len(fields) < 9:
             raise BadLineError("ODOM: fields missing")
         if self._corrected:
-            raise _UnusedLineError("ODOM in a mapper's log: restarts at its poses, is no odometry")
+            raise BadLineError("ODOM in a mapper's log: restarts at its poses, is no odometry")
         x, y, yaw, speed, turn, _, stamp = numbers(fields[1:8], "a field of ODOM")
         return OdometryRecord(
             np.array((x, y, yaw)), stamp, ODOMETRY_TOPIC, twist=np.array((speed, 0.0, turn))
@@ -174,10 +171,6 @@ class CarmenLog(Log):
             return
         value = numbers(fields[2:3], f"PARAM {fields[1].decode(errors='replace')}")[0]
         self._lasers[side] = _updated(self._lasers[side], side, setting, value)
-
-
-class _UnusedLineError(Exception):
-    """A line that is passed over without being wrong."""
 
 
 def _updated(laser: LaserParameters, side: str, setting: str, value: float) -> LaserParameters:

@@ -10,7 +10,6 @@ import numpy as np
 
 from estimation.geometry.poses import pose_to_matrix
 from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, ScanRecord, TransformRecord
-from whereabouts.recorded.world_bag import SuiteMessages
 from whereabouts.recorded.world_log import EVIDENCE
 from whereabouts.simulation.home.apartment_day import (
     CLOUD_RATE,
@@ -23,6 +22,7 @@ from whereabouts.simulation.home.apartment_day import (
 )
 from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT, LASER_HEIGHT
 from whereabouts.simulation.shapes import Array
+from whereabouts.simulation.world_bag import SuiteMessages
 
 START = datetime(2026, 5, 4, 9, 0, tzinfo=UTC).timestamp()
 TARGETS, STATE = "whereabouts_msgs/msg/TargetArray", "whereabouts_msgs/msg/WorldState"

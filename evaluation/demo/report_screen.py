@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.places import Places
-from whereabouts.demo.pictures import COLORS
-from whereabouts.demo.reading import BELIEVED, NOBODY, Said, Task, TrueThing, Truth
-from whereabouts.demo.reasons import plain
-from whereabouts.demo.screen import GONE, HERE, LOST, KnownThing, Screen, at_place, thinned
+from evaluation.demo.reading import Said, Task, Truth
+from evaluation.demo.reasons import plain
+from evaluation.demo.screen import Screen, called, thinned
 
 Array = NDArray[np.float64]
 PERIOD = 0.5
@@ -31,7 +30,7 @@ def screen_of(said: Said, truth: Truth, places: Places) -> Screen:
         screen.robot.append((stamp, *pose.tolist()))
     _take_people(screen, said, truth)
     for stamp in thinned(said.worlds, PERIOD):
-        take_world(screen, stamp, said.worlds[stamp], places)
+        screen.take(stamp, said.worlds[stamp], lambda item: item.place)
     screen.tell_things()
     for task in said.tasks:
         x, y = task.region[:2].tolist()
@@ -47,7 +46,7 @@ def screen_of(said: Said, truth: Truth, places: Places) -> Screen:
 def _way(said: Said) -> Array:
     """Poses (N, 3) in the map, loops closed where that is known."""
     corrected = said.replayed.corrected
-    return corrected if len(corrected) else said.live().reshape(-1, 3)
+    return corrected if len(corrected) else said.replayed.live().reshape(-1, 3)
 
 
 def _take_people(screen: Screen, said: Said, truth: Truth) -> None:
@@ -72,37 +71,11 @@ def _true_people(truth: Truth, known: Sequence[float], stamp: float) -> Array | 
     return truth.people[known[at]][0].reshape(-1, 2) if at >= 0 else None
 
 
-def take_world(screen: Screen, stamp: float, things: Iterable[TrueThing], places: Places) -> None:
-    """What was known of every thing at a moment."""
-    named = {thing.id: thing for thing in things if thing.kind not in NOBODY}
-    for own, thing in named.items():
-        if thing.existence < BELIEVED and own not in screen.things:
-            continue
-        gone = thing.existence < BELIEVED
-        state = GONE if gone else LOST if thing.lost else HERE
-        # Where it is lost, the place is where it was.
-        before = screen.things.get(own)
-        place = before[-1].place if thing.lost and before else at_place(places, thing.place)
-        spot = before[-1].position if thing.lost and before else thing.position
-        seen = thing.seen if np.isfinite(thing.seen) else stamp
-        screen.note(own, KnownThing(stamp, called(thing), spot, thing.existence, state, place, seen))
-    for own, rows in screen.things.items():
-        if own not in named and rows[-1].state != GONE:
-            last = rows[-1]
-            rows.append(KnownThing(stamp, last.name, last.position, 0.0, GONE, last.place, last.seen))
-
-
-def called(thing: TrueThing) -> str:
-    """ "red cup"."""
-    color = next((word for word in thing.predicates if word in COLORS), "")
-    return f"{color} {thing.kind}".strip() or thing.id
-
-
 def told_task(task: Task, said: Said) -> str:
     """Why the robot looked again, and what came of it."""
     before = [stamp for stamp in said.worlds if stamp <= task.stamp]
-    world = said.worlds[max(before)] if before else []
+    world = said.worlds[max(before)] if before else ()
     thing = next((each for each in world if each.id == task.object_id), None)
     name = called(thing) if thing is not None else task.object_id
-    unseen = task.stamp - thing.seen if thing is not None else float("nan")
+    unseen = task.stamp - thing.last_seen if thing is not None else float("nan")
     return plain(task.reason, name, unseen) + (f"; {task.outcome}" if task.outcome else "")

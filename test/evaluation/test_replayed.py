@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evaluation.demo.replayed import read_replay
 from whereabouts.logs import McapWriter, OdometryRecord
-from whereabouts.recorded.replayed import read_replay
 
 
 def test_poses_and_closures_are_read_by_their_stamps(tmp_path: Path) -> None:

@@ -14,6 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from evaluation.demo.files import begin_in, files_of
+from evaluation.demo.page import Page, Row
+from evaluation.demo.screen import BELIEVED, Screen, place_around
 from evaluation.experiments.questions import (
     BEGIN,
     DAY,
@@ -26,11 +29,7 @@ from evaluation.experiments.questions import (
     looks_of,
     settings,
 )
-from whereabouts.demo.files import begin_in, files_of
-from whereabouts.demo.page import Page, Row
-from whereabouts.demo.reading import BELIEVED
-from whereabouts.demo.screen import GONE, HERE, LOST, KnownThing, Screen, at_place, place_around
-from world_model import WorldModel, WorldObject, WorldState
+from world_model import WorldModel, WorldState
 from world_model.memory.store import Store
 from world_model.questions import Answer, ask
 
@@ -87,33 +86,13 @@ def live_through(folder: Path, days: int, seed: int, on_progress: Callable[[floa
 def _note(screen: Screen, state: WorldState) -> None:
     """What was known after a look."""
     for item in state.objects:
-        if item.most_probable("class") == PERSON:
-            if item.last_seen >= state.stamp - 1.0 and item.existence >= BELIEVED:
-                x, y = item.position[:2].tolist()
-                screen.people.setdefault(item.id.replace("-", " "), []).append(
-                    (state.stamp, x, y, False, False)
-                )
-        elif item.existence >= BELIEVED or item.id in screen.things:
-            screen.note(item.id, _known(screen, item, state.stamp))
-    here = {item.id for item in state.objects}
-    for name, rows in screen.things.items():
-        if name not in here and rows[-1].state != GONE:
-            last = rows[-1]
-            rows.append(KnownThing(state.stamp, last.name, last.position, 0.0, GONE, last.place, last.seen))
-
-
-def _known(screen: Screen, item: WorldObject, stamp: float) -> KnownThing:
-    rows = screen.things.get(item.id)
-    state = GONE if item.existence < BELIEVED else LOST if item.lost else HERE
-    place, spot = at_place(HOME, place_around(HOME, item.position)), item.position
-    if state == LOST and rows:
-        place, spot = rows[-1].place, rows[-1].position
-    color = item.most_probable("color")
-    likely = item.attributes.get("color", {}).get(color, 0.0) >= BELIEVED
-    name = f"{color} {item.most_probable('class')}" if likely else item.most_probable("class")
-    # Every look says that it was seen again: told once in an hour.
-    seen = rows[-1].seen if rows and item.last_seen - rows[-1].seen < 3600.0 else item.last_seen
-    return KnownThing(stamp, name, spot, round(item.existence, 1), state, place, seen)
+        if item.most_probable("class") != PERSON or item.existence < BELIEVED:
+            continue
+        if item.last_seen >= state.stamp - 1.0:
+            x, y = item.position[:2].tolist()
+            row = (state.stamp, x, y, False, False)
+            screen.people.setdefault(item.id.replace("-", " "), []).append(row)
+    screen.take(state.stamp, state.objects, lambda item: place_around(HOME, item.position))
 
 
 def _judge(month: Month, home: AskedHome, state: WorldState) -> None:

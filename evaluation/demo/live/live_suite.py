@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import pose_to_matrix
-from whereabouts.demo.demo_suite import parameters
+from evaluation.demo.demo_suite import parameters
 from whereabouts.parameters.object_search import ObjectSearchParameters
 from whereabouts.parameters.world_maintenance import WorldMaintenanceParameters
 from whereabouts.parameters.world_model import WorldModelParameters

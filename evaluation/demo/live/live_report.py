@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.grid import OccupancyGrid
-from whereabouts.demo import pictures
-from whereabouts.demo.belief_judging import believed
-from whereabouts.demo.files import files_of
-from whereabouts.demo.live.live_library import Outcome
-from whereabouts.demo.live.live_screen import live_screen
-from whereabouts.demo.live.live_story import Story, within_reach
-from whereabouts.demo.page import Page, Row
-from whereabouts.demo.reading import Grid
+from evaluation.demo import pictures
+from evaluation.demo.belief_judging import believed
+from evaluation.demo.files import files_of
+from evaluation.demo.live.live_library import Outcome
+from evaluation.demo.live.live_screen import live_screen
+from evaluation.demo.live.live_story import Story, within_reach
+from evaluation.demo.page import Page, Row
+from evaluation.demo.reading import Grid
 from whereabouts.simulation.home.apartment_day import MOVED, THINGS
 from whereabouts.simulation.home.live_apartment import LiveDay
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from whereabouts.demo.demo_report import DemoRun
-from whereabouts.demo.demo_suite import BESIDE, RECORDED, parameters, shipped_parameters, shipped_remappings
-from whereabouts.demo.files import begin_in
+from evaluation.demo.demo_report import DemoRun
+from evaluation.demo.demo_suite import BESIDE, RECORDED, parameters, shipped_parameters, shipped_remappings
+from evaluation.demo.files import begin_in
 from whereabouts.logs import RawMessage
 from whereabouts.nodes.live.demo_director import Director
 from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.geometry.poses import compound, transform_points
-from whereabouts.logs import MessageRecord, OdometryRecord, TransformRecord, open_log
-from whereabouts.recorded.replayed import Replayed, read_replay
+from estimation.geometry.poses import transform_points
+from evaluation.demo.replayed import Replayed, read_replay
+from whereabouts.logs import MessageRecord, OdometryRecord, open_log
+from world_model import WorldObject
 
 Array = NDArray[np.float64]
-BELIEVED = 0.5
-NOBODY = ("person", "other")
-"""Classes of what moves by itself; it comes by `targets` and is judged there."""
 
 
 @dataclass
@@ -35,25 +32,6 @@ class Truth:
     people: dict[float, tuple[Array, NDArray[np.int64]]] = field(default_factory=dict)
     things: dict[float, dict[str, Array]] = field(default_factory=dict)
     kinds: dict[str, tuple[str, str]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class TrueThing:
-    """An object as the world model believed in it. seen : s, its last measurement."""
-
-    id: str
-    kind: str
-    position: Array
-    existence: float
-    lost: bool
-    place: str
-    predicates: tuple[str, ...]
-    seen: float = math.nan
-
-    @property
-    def known(self) -> bool:
-        """Whether it is a thing that is believed in, somewhere."""
-        return self.existence >= BELIEVED and not self.lost and self.kind not in NOBODY
 
 
 @dataclass(frozen=True)
@@ -99,27 +77,15 @@ class Task:
 
 @dataclass
 class Said:
-    """From the recording. corrections : stamps and (3,) of odom in map. shipped : worlds of the second world model."""
+    """From the recording. shipped : worlds of the second world model."""
 
     replayed: Replayed
-    corrections: list[tuple[float, Array]] = field(default_factory=list)
     people: dict[float, list[Tracked]] = field(default_factory=dict)
     paths: dict[float, list[SaidPrediction]] = field(default_factory=dict)
-    worlds: dict[float, list[TrueThing]] = field(default_factory=dict)
-    shipped: dict[float, list[TrueThing]] = field(default_factory=dict)
+    worlds: dict[float, tuple[WorldObject, ...]] = field(default_factory=dict)
+    shipped: dict[float, tuple[WorldObject, ...]] = field(default_factory=dict)
     tasks: list[Task] = field(default_factory=list)
     grid: Grid | None = None
-
-    def correction(self, stamp: float) -> Array:
-        """Odom in map (3,) as it was known at a stamp."""
-        known = [when for when, _ in self.corrections]
-        k = bisect_right(known, stamp + 0.11) - 1
-        return self.corrections[max(k, 0)][1] if self.corrections else np.zeros(3)
-
-    def live(self) -> Array:
-        """Poses (N, 3) in the map as they were said at the time."""
-        poses = zip(self.replayed.stamps, self.replayed.poses, strict=True)
-        return np.array([compound(self.correction(float(stamp)), pose) for stamp, pose in poses])
 
 
 def read_truth(bag: Path) -> Truth:
@@ -146,24 +112,20 @@ def read_truth(bag: Path) -> Truth:
     return truth
 
 
-def read_said(recording: Path, bag: Path) -> Said:
-    """A recording of the topics of `demo.suite.RECORDED`, made while `bag` was replayed."""
+def read_said(recording: Path) -> Said:
+    """A recording of the topics of `demo_suite.RECORDED`. Needs ROS, for the suite's messages."""
+    from whereabouts.nodes.messages.world_reading import state_from_message
+
     said = Said(read_replay(recording))
-    with open_log(recording, topics=["tf"]) as log:
-        for record in log:
-            if isinstance(record, TransformRecord) and (record.frame_id, record.child_frame_id) == (
-                "map",
-                "odom",
-            ):
-                x, y = record.transform[:2, 3]
-                yaw = math.atan2(record.transform[1, 0], record.transform[0, 0])
-                said.corrections.append((record.stamp, np.array([x, y, yaw])))
-    said.corrections.sort(key=lambda item: item[0])
+
+    def take_world(worlds: dict[float, tuple[WorldObject, ...]], stamp: float, message: Any) -> None:
+        worlds[stamp] = state_from_message(message).objects
+
     readers = {
         "targets": _take_targets,
         "predicted_paths": _take_paths,
-        "world_state": lambda said, stamp, message: said.worlds.update({stamp: _things(message)}),
-        "shipped/world_state": lambda said, stamp, message: said.shipped.update({stamp: _things(message)}),
+        "world_state": lambda said, *news: take_world(said.worlds, *news),
+        "shipped/world_state": lambda said, *news: take_world(said.shipped, *news),
         "verification_tasks": _take_task,
         "evidence": _take_evidence,
         "map": _take_map,
@@ -181,7 +143,7 @@ def _key(stamp: float) -> float:
 
 
 def _take_targets(said: Said, stamp: float, message: Any) -> None:
-    frame = said.correction(stamp) if message.header.frame_id == "odom" else np.zeros(3)
+    frame = said.replayed.correction(stamp) if message.header.frame_id == "odom" else np.zeros(3)
     turn = np.array([[np.cos(frame[2]), -np.sin(frame[2])], [np.sin(frame[2]), np.cos(frame[2])]])
     said.people[stamp] = [
         Tracked(
@@ -207,22 +169,6 @@ def _take_paths(said: Said, stamp: float, message: Any) -> None:
     said.paths[stamp] = paths
 
 
-def _things(message: Any) -> list[TrueThing]:
-    return [
-        TrueThing(
-            item.id,
-            _most_probable(item.class_distribution),
-            _point(item.pose.pose.position),
-            float(item.existence_probability),
-            bool(item.lost),
-            str(item.place),
-            tuple(item.predicates),
-            item.last_seen.sec + 1e-9 * item.last_seen.nanosec,
-        )
-        for item in message.objects
-    ]
-
-
 def _take_task(said: Said, stamp: float, message: Any) -> None:
     centre, size = _point(message.region.center.position), _point(message.region.size)
     said.tasks.append(Task(stamp, message.object_id, message.reason, np.array([*centre[:2], *size[:2]])))
@@ -235,9 +181,8 @@ def _take_evidence(said: Said, stamp: float, message: Any) -> None:
         if not item.object_id or not open_tasks:
             continue
         k = open_tasks[-1]
-        task = said.tasks[k]
         outcome = "not found" if item.detection_id == "not_found" else "found"
-        said.tasks[k] = Task(task.stamp, task.object_id, task.reason, task.region, outcome, stamp)
+        said.tasks[k] = replace(said.tasks[k], outcome=outcome, ended=stamp)
 
 
 def _take_map(said: Said, stamp: float, message: Any) -> None:
@@ -246,12 +191,6 @@ def _take_map(said: Said, stamp: float, message: Any) -> None:
     values = np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width)
     extent = (x, x + info.width * info.resolution, y, y + info.height * info.resolution)
     said.grid = Grid(values, extent)
-
-
-def _most_probable(distribution: Any) -> str:
-    if not len(distribution.values):
-        return ""
-    return str(distribution.values[int(np.argmax(distribution.probabilities))])
 
 
 def _point(point: Any) -> Array:

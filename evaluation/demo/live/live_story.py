@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from whereabouts.demo.belief_judging import JudgedBeliefs, judged
+from evaluation.demo.belief_judging import JudgedBeliefs, judged
 from whereabouts.nodes.live.live_robot import DriveGoal, LiveRobot, SearchRequest
 from whereabouts.simulation.home.apartment_bag import START
 from whereabouts.simulation.home.apartment_day import MOVED, THINGS, TICKS

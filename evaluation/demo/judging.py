@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from evaluation.demo.belief_judging import SAME, apart, known, matched
+from evaluation.demo.reading import Said, Truth
+from evaluation.demo.screen import NOBODY
 from evaluation.people.people_judging import Expected, SceneJudgement, judge_people
-from whereabouts.demo.reading import Said, TrueThing, Truth
+from world_model import WorldObject
 
 Array = NDArray[np.float64]
-SAME = 0.4
-"""m, between a thing and the object that is believed to be it."""
 
 
 @dataclass
@@ -64,7 +65,7 @@ def judge_trajectories(truth: Truth, said: Said) -> Trajectories:
     if keys and all(key in truth.wheels for key in keys):
         found.named["wheels"] = np.array([truth.wheels[key] for key in keys])
     found.named["scan registration"] = replayed.poses[both]
-    found.named["in the map, at the time"] = said.live()[both]
+    found.named["in the map, at the time"] = replayed.live()[both]
     if len(replayed.corrected):
         found.named["loops closed"] = replayed.corrected[both]
     for name, poses in found.named.items():
@@ -83,11 +84,11 @@ def judge_tracks(truth: Truth, said: Said) -> tuple[SceneJudgement, Array]:
     Expected are those who were in plain view for 1.5 s, until they have been hidden for 3 s.
     """
     judged, stamps = SceneJudgement(), []
-    known: Expected | None = None
+    expecting: Expected | None = None
     before: float | None = None
     for stamp, (spots, returns) in sorted(truth.people.items()):
-        known = known or Expected(len(spots))
-        expected = known.look(returns, stamp, 0.0 if before is None else stamp - before)
+        expecting = expecting or Expected(len(spots))
+        expected = expecting.look(returns, stamp, 0.0 if before is None else stamp - before)
         before = stamp
         if stamp not in said.people:
             continue
@@ -100,59 +101,37 @@ def judge_tracks(truth: Truth, said: Said) -> tuple[SceneJudgement, Array]:
     return judged, np.array(stamps)
 
 
-def judge_things(truth: Truth, said: Mapping[float, list[TrueThing]]) -> Identities:
+def judge_things(truth: Truth, said: Mapping[float, Sequence[WorldObject]]) -> Identities:
     """Ids of all things over time, and the account at the end. said : worlds by stamp."""
     found = Identities()
     worlds = sorted(said)
     if not worlds or not truth.things:
         return found
-    known: list[TrueThing] = []
     for stamp, things in sorted(truth.things.items()):
         index = int(np.searchsorted(worlds, stamp + 0.02)) - 1
         if index < 0:
             continue
-        known = [thing for thing in said[worlds[index]] if thing.known]
+        believed = known(said[worlds[index]])
         for name, spot in things.items():
-            thing = _nearest(known, truth.kinds[name][0], spot)
+            thing = _nearest(believed, truth.kinds[name][0], spot)
             ids = found.ids.setdefault(name, [])
             if thing is not None and (not ids or ids[-1][1] != thing.id):
                 ids.append((stamp, thing.id))
     last = truth.things[max(truth.things)]
     final = said[worlds[-1]]
-    known = [thing for thing in final if thing.known]
-    used = _matched(last, truth.kinds, known)
+    believed = known(final)
+    used = matched(last, lambda name: truth.kinds[name][0], believed)
     found.present, found.right = len(last), len(used)
     found.missing = sorted(set(last) - set(used))
     taken = {thing.id for thing in used.values()}
-    found.extra = [thing.id for thing in known if thing.id not in taken]
-    found.lost = [thing.id for thing in final if thing.lost and thing.kind not in ("person", "other")]
+    found.extra = [thing.id for thing in believed if thing.id not in taken]
+    found.lost = [item.id for item in final if item.lost and item.most_probable("class") not in NOBODY]
     found.errors = [
         float(np.linalg.norm(thing.position[:2] - last[name][:2])) for name, thing in used.items()
     ]
     return found
 
 
-def _nearest(known: list[TrueThing], kind: str, spot: Array) -> TrueThing | None:
-    near = [thing for thing in known if thing.kind == kind and _apart(thing, spot) < SAME]
-    return min(near, key=lambda thing: _apart(thing, spot), default=None)
-
-
-def _apart(thing: TrueThing, spot: Array) -> float:
-    return float(np.linalg.norm(thing.position - spot))
-
-
-def _matched(
-    things: Mapping[str, Array], kinds: Mapping[str, tuple[str, str]], known: list[TrueThing]
-) -> dict[str, TrueThing]:
-    """One object at most for each thing, the nearest pairs first."""
-    pairs = sorted(
-        (_apart(thing, spot), name, thing.id)
-        for name, spot in things.items()
-        for thing in known
-        if thing.kind == kinds[name][0]
-    )
-    by_id, used = {thing.id: thing for thing in known}, {}
-    for apart, name, own in pairs:
-        if apart < SAME and name not in used and own in by_id:
-            used[name] = by_id.pop(own)
-    return used
+def _nearest(objects: Iterable[WorldObject], kind: str, spot: Array) -> WorldObject | None:
+    near = [item for item in objects if item.most_probable("class") == kind and apart(item, spot) < SAME]
+    return min(near, key=lambda item: apart(item, spot), default=None)

@@ -14,8 +14,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from whereabouts.demo.belief_judging import JudgedBeliefs, judged
-from whereabouts.demo.live.live_suite import library_settings, placed
+from evaluation.demo.belief_judging import JudgedBeliefs, judged
+from evaluation.demo.live.live_suite import library_settings, placed
 from whereabouts.parameters.object_search import BELIEVED
 from whereabouts.simulation.home.apartment_day import ROUND, THINGS, TICKS
 from whereabouts.simulation.home.live_apartment import ARM, ASKED, GLANCE, STARE, LiveDay, tour

@@ -7,7 +7,6 @@ all five robots. `sightings` turns it into the distance.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
-from whereabouts.logs.formats.text import decompressed
 
 Array = NDArray[np.float64]
 FIRST_LANDMARK = 6
@@ -38,10 +36,7 @@ def _table(path: Path) -> Array:
     """Rows of a .dat file, also where it is compressed; InputError where it is absent or no table."""
     packed = path.with_name(path.name + ".gz")
     try:
-        if packed.exists():
-            with packed.open("rb") as raw, io.TextIOWrapper(decompressed(raw, packed), "utf-8") as stream:
-                return np.loadtxt(stream, comments="#", ndmin=2)
-        return np.loadtxt(path, comments="#", ndmin=2)
+        return np.loadtxt(packed if packed.exists() else path, ndmin=2)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable MRCLAM table ({error})") from error
 

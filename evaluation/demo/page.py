@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 
-from whereabouts.demo.screen import Screen
+from evaluation.demo.screen import Screen
 
 _SCROLL = ('<div class="scroll">',)
 
@@ -75,7 +75,7 @@ class Page:
     def write(self, path: Path) -> Path:
         """Write the page; returns its path."""
         title, lead = html.escape(self.title), html.escape(self.lead)
-        style = (files("whereabouts.demo") / "style.html").read_text(encoding="utf-8")
+        style = (files("evaluation.demo") / "style.html").read_text(encoding="utf-8")
         text = (
             '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from estimation.errors import WhereaboutsError
-from whereabouts.logs import convert_log
+from whereabouts import logs
 from whereabouts.system.atomic import atomic_path
 
 PACKAGE = "rtb-data==2.0.0"
@@ -62,9 +62,9 @@ def graph_file(say: Callable[[str], None] = lambda text: None) -> Path:
 def recorded_bag(say: Callable[[str], None] = lambda text: None) -> Path:
     """The recording as a rosbag2 MCAP, converted once, and again when the converter has changed."""
     bag = bag_directory() / "killian.mcap"
-    converter = (Path(__file__).parent / "logs").rglob("*.py")
+    converter = Path(str(logs.__file__)).parent.rglob("*.py")
     if not bag.exists() or bag.stat().st_mtime < max(path.stat().st_mtime for path in converter):
         source = graph_file(say)
         say(f"converting it to {bag.name}")
-        convert_log(source, bag)
+        logs.convert_log(source, bag)
     return bag

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from whereabouts.logs.formats import mrclam
+from evaluation.anchoring import mrclam
 
 
 def test_distance_and_bearing_lead_to_the_landmark(tmp_path: Path) -> None:

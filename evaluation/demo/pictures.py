@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from whereabouts.demo.judging import Trajectories
-from whereabouts.demo.reading import Grid, Said, SaidPrediction, Tracked, TrueThing, Truth
+from evaluation.demo.belief_judging import known
+from evaluation.demo.judging import Trajectories
+from evaluation.demo.reading import Grid, Said, SaidPrediction, Tracked, Truth
+from evaluation.demo.screen import NOBODY
 from whereabouts.simulation.home.floor_plan import Apartment
+from world_model import WorldObject
 
 Array = NDArray[np.float64]
 INK, QUIET, TRUE = "#22303c", "#9aa7b1", "#1b9e77"
@@ -179,10 +182,11 @@ def draw_worlds(path: Path, home: Apartment, said: Said, truth: Truth, moments: 
     begin = min(truth.poses) if truth.poses else 0.0
     for axes, moment in zip(panels.ravel(), moments, strict=False):
         draw_building(axes, home)
-        things = [thing for thing in _at(said.worlds, moment) if thing.kind not in ("person", "other")]
+        world = _at(said.worlds, moment)
+        things = known(world)
         for spot in _at(truth.things, moment, {}).values():
             axes.plot(*spot[:2], "+", color=TRUE, markersize=12, markeredgewidth=1.6)
-        _symbols(axes, [thing for thing in things if thing.known])
+        _symbols(axes, things)
         for one in _at(said.people, moment):
             axes.plot(*one.position, "o", color="#7f3fbf", markersize=9, alpha=0.45 if one.hidden else 0.9)
             axes.annotate(
@@ -193,18 +197,16 @@ def draw_worlds(path: Path, home: Apartment, said: Said, truth: Truth, moments: 
                 fontsize=7,
                 color="#7f3fbf",
             )
-        lost = [thing.id for thing in things if thing.lost]
+        lost = [item.id for item in world if item.lost and item.most_probable("class") not in NOBODY]
         _robot(axes, _at(truth.poses, moment, np.zeros(3)))
         note = f"; lost: {', '.join(lost)}" if lost else ""
-        plain(
-            axes, f"after {moment - begin:.0f} s: {sum(thing.known for thing in things)} things known{note}"
-        )
+        plain(axes, f"after {moment - begin:.0f} s: {len(things)} things known{note}")
     for axes in panels.ravel()[len(moments) :]:
         axes.axis("off")
     figure.savefig(path, format="png")
 
 
-def _symbols(axes: Any, things: Sequence[TrueThing]) -> None:
+def _symbols(axes: Any, things: Sequence[WorldObject]) -> None:
     """Ids beside their objects; neighbours are written above each other."""
     taken: list[tuple[float, float]] = []
     for thing in sorted(things, key=lambda thing: (thing.position[1], thing.position[0])):

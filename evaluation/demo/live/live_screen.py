@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from estimation.geometry.places import Places
-from whereabouts.demo.live.live_story import Story
-from whereabouts.demo.reading import Said, read_said, read_truth
-from whereabouts.demo.report_screen import screen_of, told_task
-from whereabouts.demo.screen import Screen
+from evaluation.demo.live.live_story import Story
+from evaluation.demo.reading import Said, read_said, read_truth
+from evaluation.demo.report_screen import screen_of, told_task
+from evaluation.demo.screen import Screen
 from whereabouts.simulation.home.apartment_bag import START
 from whereabouts.simulation.home.floor_plan import places_file
 
@@ -23,7 +23,7 @@ DOING = {
 
 def live_screen(recording: Path, bag: Path, story: Story) -> Screen:
     """From what the nodes said (`recording`), the truth (`bag`), and the story, whose times are s of the day."""
-    said, truth = read_said(recording, bag), read_truth(bag)
+    said, truth = read_said(recording), read_truth(bag)
     tasks, said.tasks = said.tasks, []
     screen = screen_of(said, truth, Places.load(str(places_file())))
     said.tasks = tasks

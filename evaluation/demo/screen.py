@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from typing import Any
 
@@ -18,9 +18,14 @@ from numpy.typing import NDArray
 
 from estimation.geometry.places import Place, Places
 from whereabouts.console.shown import map_picture
+from world_model import WorldObject
 
 Array = NDArray[np.float64]
 HERE, LOST, GONE = "here", "lost", "gone"
+BELIEVED = 0.5
+"""What less probably exists counts for nothing."""
+NOBODY = ("person", "other")
+"""Classes of what moves by itself; it comes by `targets` and is shown and judged as that."""
 MARGIN = 0.4
 """m around what is shown."""
 
@@ -79,6 +84,30 @@ class Screen:
         if not rows or known.is_news(rows[-1]):
             rows.append(known)
 
+    def take(
+        self, stamp: float, objects: Iterable[WorldObject], place_of: Callable[[WorldObject], str]
+    ) -> None:
+        """What is known of every thing at a moment. place_of : the name of the place it is at, "" for none."""
+        here = {item.id: item for item in objects if item.most_probable("class") not in NOBODY}
+        for own, item in here.items():
+            before = self.things.get(own)
+            gone = item.existence < BELIEVED
+            if gone and not before:
+                continue
+            place, spot = at_place(self.places, place_of(item)), item.position
+            if item.lost and before:  # the place is where it was
+                place, spot = before[-1].place, before[-1].position
+            state = GONE if gone else LOST if item.lost else HERE
+            probability, seen = item.existence, item.last_seen
+            if self.days:
+                # Every look says that it was seen again: told once in an hour.
+                probability = round(probability, 1)
+                seen = before[-1].seen if before and seen - before[-1].seen < 3600.0 else seen
+            self.note(own, KnownThing(stamp, called(item), spot, probability, state, place, seen))
+        for own, rows in self.things.items():
+            if own not in here and rows[-1].state != GONE:
+                rows.append(replace(rows[-1], stamp=stamp, probability=0.0, state=GONE))
+
     def tell_things(self) -> None:
         """Events for what was found, moved and lost, from what was known."""
         for object_id, rows in self.things.items():
@@ -90,7 +119,7 @@ class Screen:
 
     def html(self) -> str:
         """The section of the page."""
-        page = (files("whereabouts.demo") / "screen.html").read_text(encoding="utf-8")
+        page = (files("evaluation.demo") / "screen.html").read_text(encoding="utf-8")
         # Names come from detectors: nothing in them may end the script.
         text = json.dumps(self._data(), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
         return page.replace("DATA", text, 1)
@@ -179,6 +208,13 @@ def _row(row: KnownThing) -> list[object]:
 
 def _rounded(values: Iterable[float]) -> list[float]:
     return [round(float(value), 2) for value in values]
+
+
+def called(item: WorldObject) -> str:
+    """ "red cup"."""
+    color = item.most_probable("color")
+    likely = item.attributes.get("color", {}).get(color, 0.0) >= BELIEVED
+    return f"{color if likely else ''} {item.most_probable('class')}".strip() or item.id
 
 
 def place_around(places: Places, position: Array) -> str:

@@ -91,30 +91,8 @@ class SuiteMessages:
         covariance = np.zeros((6, 6))
         if item.covariance is not None:
             covariance[:3, :3] = item.covariance
-        attributes = [
-            self.make(
-                "whereabouts_msgs/msg/Attribute",
-                name=name,
-                discrete=self.distribution(values),
-                continuous=self.make(
-                    "whereabouts_msgs/msg/GaussianDistribution", mean=np.zeros(0), covariance=np.zeros(0)
-                ),
-            )
-            for name, values in item.attributes.items()
-        ]
-        attributes += [
-            self.make(
-                "whereabouts_msgs/msg/Attribute",
-                name=name,
-                discrete=self.distribution({}),
-                continuous=self.make(
-                    "whereabouts_msgs/msg/GaussianDistribution",
-                    mean=np.array([mean]),
-                    covariance=np.array([variance]),
-                ),
-            )
-            for name, (mean, variance) in item.quantities.items()
-        ]
+        attributes = [self._attribute(name, values) for name, values in item.attributes.items()]
+        attributes += [self._attribute(name, {}, *pair) for name, pair in item.quantities.items()]
         return self.make(
             "whereabouts_msgs/msg/ObjectEvidence",
             detection_id="",
@@ -128,6 +106,20 @@ class SuiteMessages:
             size=self.vector("Vector3", np.zeros(3)),
             attributes=attributes,
             existence_probability=0.0,
+        )
+
+    def _attribute(self, name: str, discrete: Mapping[str, float], *gaussian: float) -> Any:
+        """Of named values, or of a number: its mean and variance."""
+        continuous = self.make(
+            "whereabouts_msgs/msg/GaussianDistribution",
+            mean=np.array(gaussian[:1]),
+            covariance=np.array(gaussian[1:]),
+        )
+        return self.make(
+            "whereabouts_msgs/msg/Attribute",
+            name=name,
+            discrete=self.distribution(discrete),
+            continuous=continuous,
         )
 
     def _view(self, sensor: Any) -> Any:

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.places import Places
-from evaluation.people.people_judging import SceneJudgement
-from whereabouts.demo import pictures
-from whereabouts.demo.demo_suite import rates
-from whereabouts.demo.files import files_of
-from whereabouts.demo.judging import (
-    SAME,
+from evaluation.demo import pictures
+from evaluation.demo.belief_judging import SAME
+from evaluation.demo.demo_suite import rates
+from evaluation.demo.files import files_of
+from evaluation.demo.judging import (
     Identities,
     Trajectories,
     judge_things,
@@ -24,10 +23,11 @@ from whereabouts.demo.judging import (
     judge_trajectories,
     rmse,
 )
-from whereabouts.demo.page import Page, Row
-from whereabouts.demo.reading import Said, Truth, read_said, read_truth
-from whereabouts.demo.report_screen import screen_of, told_task
-from whereabouts.demo.screen import Screen
+from evaluation.demo.page import Page, Row
+from evaluation.demo.reading import Said, Truth, read_said, read_truth
+from evaluation.demo.report_screen import screen_of, told_task
+from evaluation.demo.screen import Screen
+from evaluation.people.people_judging import SceneJudgement
 from whereabouts.simulation.home.apartment_day import MOVED
 from whereabouts.simulation.home.floor_plan import apartment, places_file
 from whereabouts.system.process_usage import Usage
@@ -82,7 +82,7 @@ class Judged:
 
 def judge(recording: Path, bag: Path, run: DemoRun) -> Judged:
     """Read a run and hold it against the ground truth of its bag."""
-    truth, said = read_truth(bag), read_said(recording, bag)
+    truth, said = read_truth(bag), read_said(recording)
     people, stamps = judge_tracks(truth, said)
     return Judged(
         truth,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from pathlib import Path
 
-from whereabouts.demo.demo_suite import RECORDED
-from whereabouts.demo.files import begin_in
-from whereabouts.demo.live.live_log import LiveLog
-from whereabouts.demo.live.live_story import Script, Story, Teller
-from whereabouts.demo.live.live_suite import live_parameters
-from whereabouts.demo.replay import CLOCK_PERIOD
+from evaluation.demo.demo_suite import RECORDED
+from evaluation.demo.files import begin_in
+from evaluation.demo.live.live_log import LiveLog
+from evaluation.demo.live.live_story import Script, Story, Teller
+from evaluation.demo.live.live_suite import live_parameters
+from evaluation.demo.replay import CLOCK_PERIOD
 from whereabouts.node_interfaces import interfaces_of
 from whereabouts.nodes.live.live_robot import LiveRobot
 from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import io
+import gzip
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from estimation.errors import InputError
-from whereabouts.logs.formats.text import decompressed
 
 Array = npt.NDArray[np.float64]
 RATE = 10.0
@@ -44,8 +43,7 @@ def _lines(path: Path) -> list[str]:
     packed = path.with_name(path.name + ".gz")
     try:
         if packed.exists():
-            with packed.open("rb") as raw, io.TextIOWrapper(decompressed(raw, packed), "utf-8") as stream:
-                return stream.read().splitlines()
+            return gzip.decompress(packed.read_bytes()).decode().splitlines()
         return path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise InputError(f"{path}: not readable ({error})") from error
