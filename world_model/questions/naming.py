@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
-from world_model.questions.recall import Recall, singulars
+from world_model.questions.recall import Recall, remembered, singulars
 from world_model.questions.wording import is_called, respelled
 from world_model.state import PERSON, WorldObject
 from world_model.symbols import parse_symbol
@@ -97,12 +97,9 @@ def name_of_person(item: WorldObject | None) -> str:
     return next((name for attribute in NAMES if (name := _likely(item, attribute))), "")
 
 
+@remembered
 def people(world: Recall) -> dict[str, list[str]]:
     """Ids by the names of people, the newest first; of those with names whom the newest `MOST_PEOPLE` ids are."""
-    return world.once("people", lambda: _people(world))
-
-
-def _people(world: Recall) -> dict[str, list[str]]:
     ids = [name for name in world.epochs if world.kind(name) == PERSON]
     numbered = sorted(ids, key=lambda name: -(parse_symbol(name) or ("", 0))[1])
     found: dict[str, list[str]] = {}
@@ -139,9 +136,10 @@ def phrases(world: Recall) -> list[str]:
     return [*_phrases(world), *(name.lower() for name in people(world))]
 
 
+@remembered
 def name_words(world: Recall) -> set[str]:
     """Words of which names are made, but for those of people, which take long to read."""
-    return world.once("name words", lambda: {word for phrase in _phrases(world) for word in phrase.split()})
+    return {word for phrase in _phrases(world) for word in phrase.split()}
 
 
 def _phrases(world: Recall) -> list[str]:
@@ -262,10 +260,13 @@ def _exact(world: Recall, words: str) -> str:
     bare = words.strip(" ?!.,")
     if len(bare) > 1 and bare[0] == bare[-1] and bare[0] in "'\"`":
         bare = bare[1:-1]
-    by_plain = world.once("plain", lambda: {_joined(name): name for name in world.epochs})
-    return by_plain.get(_joined(bare), "") or by_plain.get(
-        _joined(re.sub("^(?:the|my) ", "", bare.lower())), ""
-    )
+    known, said = _ids(world), re.sub("^(?:the|my) ", "", bare.lower())
+    return known.get(_joined(bare), "") or known.get(_joined(said), "")
+
+
+@remembered
+def _ids(world: Recall) -> dict[str, str]:
+    return {_joined(name): name for name in world.epochs}
 
 
 def _joined(name: str) -> str:
@@ -310,12 +311,9 @@ def _matching(world: Recall, wanted: str, past: bool) -> tuple[list[str], bool]:
     return _of(world, sort.kind, list(sort.predicates), past), sort.plural
 
 
+@remembered
 def classes(world: Recall) -> dict[str, str]:
     """Every class that was ever seen, by its plain words."""
-    return world.once("classes", lambda: _classes(world))
-
-
-def _classes(world: Recall) -> dict[str, str]:
     names = {parsed[0] for name in world.epochs if (parsed := parse_symbol(name)) is not None}
     for item in world.present.values():
         names |= {kind for kind, p in item.attributes.get("class", {}).items() if p > 0.05}

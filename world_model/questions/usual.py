@@ -12,7 +12,7 @@ from world_model.questions.answers import Answer, NothingKnownError, clean, cloc
 from world_model.questions.elsewhere import WEEKS, presence_of
 from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken, where_words
-from world_model.questions.recall import Recall, Trust, ranked
+from world_model.questions.recall import Recall, Trust, ranked, remembered
 from world_model.questions.where import is_at, objects_at, places_of, where_usually
 from world_model.state import DAY
 
@@ -135,12 +135,9 @@ def what_is_out_of_place(world: Recall) -> Answer:
     )
 
 
+@remembered
 def learned(world: Recall) -> Routines:
     """Routines of the last weeks of history. Raises NothingKnownError where there are less than two days."""
-    return world.once("routines", lambda: _learned(world))
-
-
-def _learned(world: Recall) -> Routines:
     start = world.now - WEEKS
     courses = presence_of(world, start)
     known = world.now - min((float(course.stamps[0]) for course in courses.values()), default=world.now)

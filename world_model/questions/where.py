@@ -108,9 +108,6 @@ def where_was(world: Recall, what: str, when: str | float | Span | None = None) 
 
 def line_at(world: Recall, name: str, stamp: float) -> Timeline:
     """As much of a timeline as a moment needs."""
-    run = world.epochs.get(name, world.epoch)
-    if run != world.epoch:
-        return world.timeline(name, run)
     return world.latest(name) if stamp >= world.now else world.window(name, stamp, stamp)
 
 
