@@ -48,7 +48,7 @@ def _of_line(line: Timeline) -> PlaceCourse | None:
     for stay in line.stays:
         stamps.append(stay.since)
         places.append(stay.place)
-        if stay.gone and stay.left_by is not None:
+        if stay.left_by is not None:
             stamps.append(stay.left_by)
             places.append(None)
     return PlaceCourse.of(stamps, places, line.stays[-1].until) if line.stays else None

@@ -104,13 +104,13 @@ class ParsedQuestion:
             return None
         if self.word == "until":
             return Span(-float("inf"), span.start, span.words)
-        return Span(span.start, self.world.now, span.words) if span.end - span.start < 1.0 else span
+        return span if span.lasts else Span(span.start, self.world.now, span.words)
 
     @property
     def around(self) -> Span | None:
         """As `since`, but a moment without that word is the minutes around it: "who was here at nine"."""
         span = self.then
-        if span is None or self.word == "since" or span.end - span.start >= 1.0 or self.word == "until":
+        if span is None or span.lasts or self.word in ("since", "until"):
             return self.since
         return Span(span.start - company.NOW, min(span.start + company.NOW, self.world.now), span.words)
 

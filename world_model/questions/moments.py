@@ -109,6 +109,11 @@ class Span:
         return 0.5 * (self.start + self.end)
 
     @property
+    def lasts(self) -> bool:
+        """Whether it is more than a moment."""
+        return self.end - self.start >= 1.0
+
+    @property
     def between(self) -> str:
         """ "between 2026-11-21 09:12 and 2026-11-21 10:00"."""
         return f"between {clock(self.start)} and {clock(self.end)}"

@@ -89,7 +89,7 @@ def _moment(world: Recall, when: str | float | Span | None) -> float:
     if when is None:
         return world.now
     span = within(world, when)
-    if span.end - span.start >= 1.0:
+    if span.lasts:
         raise NotUnderstoodError(f'When? Say a moment of "{clean(span.words)}", as "yesterday at nine".')
     return span.middle
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import elsewhere
@@ -58,17 +59,14 @@ def period_of(world: Recall, span: Span) -> str:
 
 def changes_of(line: Timeline, start: float, end: float) -> list[Change]:
     """What happened to an object within a span."""
-    found: list[Change] = []
-    for before, stay in zip([None, *line.stays], [*line.stays, None], strict=True):
-        if stay is None:
-            assert before is not None or not line.stays
-            if before is not None and before.gone and before.left_by is not None:
-                found.append(Change(line.id, before.place, None, before.until, before.left_by))
-        elif before is None:
-            found.append(Change(line.id, None, stay.place, stay.since, stay.since))
-        else:
-            left_by = before.left_by if before.gone else None
-            found.append(Change(line.id, before.place, stay.place, before.until, stay.since, left_by))
+    stays = line.stays
+    found = [Change(line.id, None, each.place, each.since, each.since) for each in stays[:1]]
+    found += [
+        Change(line.id, before.place, stay.place, before.until, stay.since, before.left_by)
+        for before, stay in pairwise(stays)
+    ]
+    if stays and stays[-1].left_by is not None:
+        found.append(Change(line.id, stays[-1].place, None, stays[-1].until, stays[-1].left_by))
     return [change for change in found if start < change.end <= end]
 
 
@@ -120,7 +118,7 @@ def how_often(world: Recall, what: str, place: str = "", since: When = None) -> 
     gone = line.stays[-1].left_by if line.lost and line.stays else None
     missing = f"; it is missing since {clock(gone)}" if gone and begin < gone <= span.end else ""
     sentence = f"{described(world, name)} {said} since {clock(begin)}{until}, {told(probability)}{missing}."
-    evidence = evidence_of(world, line, span.start, span.end)
+    evidence = evidence_of(line, span.start, span.end)
     options = ({"value": count + 1, "probability": (1.0 - probability) / 2},)
     return Answer(sentence, "how_often", probability, iso(begin), count, evidence, options)
 
@@ -168,7 +166,7 @@ def how_long_there(
         first = line.stays[0].since if line.stays else span.end
         long = max(span.end - max(span.start, first) - long, 0.0)
         said = f"was away for {duration(long)}"
-    evidence = evidence_of(world, line, span.start, span.end)
+    evidence = evidence_of(line, span.start, span.end)
     sentence = f"{described(world, name)} {said} {span.between}"
     return Answer.stated(sentence, "how_long_there", Trust.NOT_SEEN, span.start, long, evidence)
 
@@ -182,7 +180,7 @@ def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
     last, now = line.stays[-1], world.now
 
     def long(said: str, p: float, stamp: float, seconds: float | None, start: float, end: float) -> Answer:
-        evidence = evidence_of(world, line, start, end)
+        evidence = evidence_of(line, start, end)
         return Answer(f"{described(world, name)} {said}.", "how_long_there", p, iso(stamp), seconds, evidence)
 
     if line.lost:
@@ -233,7 +231,7 @@ def when_moved(
     moves = moves[-8:] if during else moves[-1:]
     parts = "; ".join(told_change(world, each) for each in moves)
     last = moves[-1]
-    evidence = evidence_of(world, line, last.start, last.end)
+    evidence = evidence_of(line, last.start, last.end)
     return Answer.stated(parts, "when_moved", Trust.STORY, last.end, iso(last.end), evidence)
 
 
@@ -289,7 +287,7 @@ def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
     evidence = tuple(
         entry
         for change in found[:8]
-        for entry in evidence_of(world, _ends(world, change.object, span), change.start, change.end)
+        for entry in evidence_of(_ends(world, change.object, span), change.start, change.end)
     )
     return Answer.stated(sentence, "what_changed", probability, span.start, value, evidence)
 
@@ -327,8 +325,8 @@ def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
 def _was_gone(line: Timeline, stamp: float) -> bool:
     """Whether an object was missing at a moment, and back later."""
     return any(
-        stay.gone and stay.left_by is not None and stay.left_by <= stamp < after.since
-        for stay, after in zip(line.stays, line.stays[1:], strict=False)
+        stay.left_by is not None and stay.left_by <= stamp < after.since
+        for stay, after in pairwise(line.stays)
     )
 
 
@@ -374,7 +372,7 @@ def what_is_missing(world: Recall, since: When = None) -> Answer:
     evidence = tuple(
         entry
         for _, name, stay in missing[:8]
-        for entry in evidence_of(world, world.latest(name), stay.since, world.now)
+        for entry in evidence_of(world.latest(name), stay.since, world.now)
     )
     value = [name for _, name, _ in missing]
     return Answer.stated(sentence, "what_is_missing", probability, world.now, value, evidence)
@@ -398,9 +396,7 @@ def history(world: Recall, what: str, since: When = None) -> Answer:
     sentence = f"{described(world, name)} was {before}{', then '.join(parts)}{end}."
     value = [[stay.place, iso(stay.since), iso(stay.until)] for stay in stays]
     first = iso(stays[0].since)
-    return Answer(
-        sentence, "history", Trust.STORY, first, value, evidence_of(world, line, span.start, span.end)
-    )
+    return Answer(sentence, "history", Trust.STORY, first, value, evidence_of(line, span.start, span.end))
 
 
 def when_last_at(world: Recall, what: str, place: str) -> Answer:
@@ -419,7 +415,7 @@ def when_last_at(world: Recall, what: str, place: str) -> Answer:
     until = f"is {spoken(world, where)} since" if is_there else f"was {spoken(world, where)} last until"
     stamp = last.since if is_there else last.until
     seen = iso(world.now if is_there else stamp)
-    evidence = evidence_of(world, line, last.since, last.until)
+    evidence = evidence_of(line, last.since, last.until)
     sentence = f"{described(world, name)} {until} {clock(stamp)}"
     return Answer.stated(sentence, "when_last_seen", FOUND, stamp, seen, evidence)
 

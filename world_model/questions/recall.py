@@ -55,8 +55,8 @@ class Trust:
 @dataclass(frozen=True)
 class ObjectStay:
     """An object at one place. place : name, "" where no place is named. came_after, since : between these it came.
-    until, left_by : between these it went, None while it is there. position : (3,) m. p : of the place, where it was.
-    gone : it was then out of the world, or lost, before it was seen anywhere else."""
+    until, left_by : between these it was found to have gone, None where it was not missed before it was seen elsewhere.
+    position : (3,) m. seen : how often it was seen."""
 
     place: str
     came_after: float
@@ -64,8 +64,12 @@ class ObjectStay:
     until: float
     left_by: float | None
     position: FloatArray
-    gone: bool = False
     seen: int = 1
+
+    @property
+    def gone(self) -> bool:
+        """Whether it was out of the world, or lost, before it was seen anywhere else."""
+        return self.left_by is not None
 
 
 class Life(NamedTuple):
@@ -474,7 +478,7 @@ def _joined(before: Timeline, line: Timeline) -> Timeline:
     if last.place == first.place and last.place and first.since - last.until < AWAY:
         first = replace(first, came_after=last.came_after, since=last.since, seen=last.seen + first.seen)
         return replace(line, stays=(*before.stays[:-1], first, *line.stays[1:]))
-    last = replace(last, gone=True, left_by=min(last.left_by or first.since, first.since))
+    last = replace(last, left_by=min(last.left_by or first.since, first.since))
     first = replace(first, came_after=last.until)
     return replace(line, stays=(*before.stays[:-1], last, first, *line.stays[1:]))
 
@@ -501,19 +505,19 @@ def _stays(
         stamp, position, word = stamps[begin], positions[begin], words[begin]
         current = stays[-1] if stays else None
         if not here[begin]:
-            if current is not None and current.left_by is None:
+            if current is not None and not current.gone:
                 # A measurement up to here still found it there.
                 until = min(max(current.until, seen[begin]), stamp)
-                stays[-1] = replace(current, until=until, left_by=stamp, gone=True)
+                stays[-1] = replace(current, until=until, left_by=stamp)
             continue
         until = min(seen[end - 1], stamps[end - 1])
         if current is not None and _goes_on(current, word, position, stamp):
             until, seen_now = max(current.until, until), current.seen + end - begin
-            stays[-1] = replace(current, until=until, left_by=None, gone=False, seen=seen_now)
+            stays[-1] = replace(current, until=until, left_by=None, seen=seen_now)
             continue
         after = current.until if current is not None else -math.inf
         since = min(seen[begin], stamp) if seen[begin] > after else stamp
-        stays.append(ObjectStay(word, after, since, max(since, until), None, position, seen=end - begin))
+        stays.append(ObjectStay(word, after, since, max(since, until), None, position, end - begin))
     return tuple(stays)
 
 
