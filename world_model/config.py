@@ -20,25 +20,26 @@ from estimation.settings import check_settings, setting
 from world_model.calibration.sensor_bias import CONSTANT, NAMES
 from world_model.state import Box
 
-MODELS = ("static", "constant_velocity")
 CARRY_SPEED = 0.7  # m/s: at which things are carried, standard deviation
+MOST = 1e6  # Of rates and deviations
 FREE_RUN = 10.0
 """s: a mover seen for the first time has the speed that its accelerations add up to in this time."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Behaviour of one class: `model`, root of its white acceleration density (m/s^1.5), rate of being carried
-    anywhere (1/s). follows_prediction : probability that a mover keeps to the path that is predicted for it, where one
-    is. turn_sigma : diffusion of a mover's heading at its speed, rad/s^0.5. usual_place : probability that what was
-    taken away is where it usually is at that time of day."""
+    """Behaviour of one class."""
 
-    model: str = "static"
-    accel_sigma: float = 0.5
-    moved_per_second: float = 1e-4
-    follows_prediction: float = 0.8
-    usual_place: float = 0.5
-    turn_sigma: float = 0.0
+    model: str = setting("static", "", "how it moves", choices=("static", "constant_velocity"))
+    accel_sigma: float = setting(0.5, "m/s^1.5", "root of its white acceleration density", 0.0, MOST)
+    moved_per_second: float = setting(1e-4, "1/s", "rate of being carried anywhere", 0.0, MOST)
+    follows_prediction: float = setting(
+        0.8, "", "probability that a mover keeps to the path that is predicted for it", 0.0, 1.0
+    )
+    usual_place: float = setting(
+        0.5, "", "probability that what was taken away is where it usually is at that time of day", 0.0, 1.0
+    )
+    turn_sigma: float = setting(0.0, "rad/s^0.5", "diffusion of a mover's heading at its speed", 0.0, MOST)
 
     @classmethod
     def checked(cls, name: str, given: Mapping[str, Any]) -> Motion:
@@ -48,23 +49,14 @@ class Motion:
         unknown = set(given) - set(cls.__dataclass_fields__)
         if unknown:
             raise InputError(f"motion[{name!r}] has unknown fields {sorted(unknown)}")
-        model = given.get("model", "static")
-        if model not in MODELS:
-            raise InputError(f"motion[{name!r}].model: one of {', '.join(MODELS)}, got {model!r}")
         # What moves by itself is carried by nobody, unless a deployment says so.
-        values = {"moved_per_second": 0.0} if model != "static" else {}
-        for key, value in given.items():
-            if key == "model":
-                continue
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not 0 <= value < np.inf:
-                raise InputError(
-                    f"motion[{name!r}].{key} must be a finite number of at least 0, not {value!r}"
-                )
-            if value > 1.0 and key in ("follows_prediction", "usual_place"):
-                raise InputError(f"motion[{name!r}].{key} must be in [0, 1]")
-            values[key] = float(value)
-        return cls(model, **values)
+        carried = {} if given.get("model", "static") == "static" else {"moved_per_second": 0.0}
+        made = cls(**{**carried, **given})
+        try:
+            check_settings(made)
+        except InputError as error:
+            raise InputError(f"motion[{name!r}].{error}") from error
+        return made
 
 
 @cache
