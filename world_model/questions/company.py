@@ -236,10 +236,6 @@ def _at(place: Place, positions: FloatArray) -> Any:
 
 
 def _joined(name: str, stamps: FloatArray) -> list[Visit]:
-    visits: list[Visit] = []
-    for stamp in stamps.tolist():
-        if visits and stamp - visits[-1].end <= PAUSE:
-            visits[-1] = Visit(name, visits[-1].start, stamp)
-        else:
-            visits.append(Visit(name, stamp, stamp))
-    return visits
+    """Visits of a person who was seen at these stamps (N,)."""
+    runs = np.split(stamps, np.flatnonzero(np.diff(stamps) > PAUSE) + 1)
+    return [Visit(name, float(run[0]), float(run[-1])) for run in runs if len(run)]

@@ -431,6 +431,10 @@ class Recall:
             return False
         return bool(around.contains(within.center))
 
+    def rooms_of(self, place: str) -> list[str]:
+        """Names of the rooms that a place is, or lies in."""
+        return [each.name for each in self.places if each.kind == "room" and self.contains(each.name, place)]
+
     def inside(self, outer: str, by_place: Mapping[str, float]) -> float:
         """Sum of what is told of places that are, or lie in, another."""
         return sum(value for place, value in by_place.items() if self.contains(outer, place))

@@ -301,11 +301,7 @@ def which_room(world: Recall, what: str, when: str | float | Span | None = None)
     Raises NothingKnownError.
     """
     found = where_is(world, what) if when is None else where_was(world, what, when)
-    rooms = [
-        place.name
-        for place in world.places
-        if place.kind == "room" and isinstance(found.value, str) and world.contains(place.name, found.value)
-    ]
+    rooms = world.rooms_of(found.value) if isinstance(found.value, str) else []
     if len(rooms) != 1 or rooms[0] == found.value:
         return found
     verb = "is" if found.kind == "where_is" else "was"
