@@ -12,7 +12,7 @@ from datetime import datetime
 
 from world_model.memory.courses import PlaceCourse, Sight, courses_of, courses_of_rows
 from world_model.questions.recall import FOUND_AFTER, Recall, Timeline, remembered
-from world_model.state import BELIEVED, DAY, PERSON
+from world_model.state import BELIEVED, DAY, PERSON, most_probable
 
 
 def course_of(world: Recall, name: str, start: float) -> PlaceCourse | None:
@@ -74,7 +74,7 @@ class Elsewhere:
     @property
     def best(self) -> str:
         """The most probable place, "" where that is a mere guess, or it is more probably out of the house."""
-        place = max(self.places, key=self.places.__getitem__, default="")
+        place = most_probable(self.places)
         return place if self.places.get(place, 0.0) >= max(self.out, GUESS) else ""
 
 
@@ -131,15 +131,9 @@ def _votes(course: PlaceCourse | None, place: str, stamp: float) -> tuple[dict[s
 
 def _same_hour(then: float, stamp: float) -> float:
     """Weight of a moment by its time of day, local time."""
-    first, second = (_hour(each) for each in (then, stamp))
+    first, second = (at.hour + at.minute / 60 for at in map(datetime.fromtimestamp, (then, stamp)))
     apart = abs(first - second)
-    apart = min(apart, 24 - apart)
-    return ANY_HOUR + math.exp(-0.5 * (apart / HOURS) ** 2)
-
-
-def _hour(stamp: float) -> float:
-    at = datetime.fromtimestamp(stamp)
-    return at.hour + at.minute / 60
+    return ANY_HOUR + math.exp(-0.5 * (min(apart, 24 - apart) / HOURS) ** 2)
 
 
 def _looks(world: Recall) -> tuple[float, dict[str, float]]:

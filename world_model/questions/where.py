@@ -239,9 +239,12 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
     options = list(places_of(name, may.places, order))
     evidence = evidence_of(line, stay.since, stamp)
     if may.best and not back:
-        probability = min(may.places[may.best], HIDDEN)
-        sentence = _probably_at(world, name, may.best, probability, last)
-        return Answer(sentence, "where_is", probability, iso(stamp), may.best, evidence, tuple(options[1:]))
+        p = min(may.places[may.best], HIDDEN)
+        sentence = (
+            f"{described(world, name)} {hedged(p)} {spoken(world, may.best)}, {told(p)}: {last}, "
+            "and was not found again yet."
+        )
+        return Answer(sentence, "where_is", p, iso(stamp), may.best, evidence, tuple(options[1:]))
     sentence = f"{described(world, name)} is missing: {last}"
     if back:
         where = world.latest(back[0]).stays[-1].place
@@ -254,11 +257,6 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
         sentence += f"; it is often {spoken(world, guess)}" if guess else ""
     probability = 0.55 if back else may.out
     return Answer(f"{sentence}.", "where_is", probability, iso(stamp), None, evidence, tuple(options))
-
-
-def _probably_at(world: Recall, name: str, place: str, p: float, last: str) -> str:
-    where = f"{hedged(p)} {spoken(world, place)}, {told(p)}"
-    return f"{described(world, name)} {where}: {last}, and was not found again yet."
 
 
 def _began(world: Recall, name: str) -> float:
@@ -281,13 +279,11 @@ def where_usually(world: Recall, what: str) -> Answer:
     if not shares:
         raise NothingKnownError(f"{clean(name)} was not seen in the last four weeks.")
     order = ranked(shares)
-    first = f"{spoken(world, order[0])} ({100 * shares[order[0]]:.0f} % of the last four weeks)"
-    others = [
-        f"{spoken(world, place)} ({100 * shares[place]:.0f} %)"
-        for place in order[1:4]
-        if shares[place] > 0.05
+    likely = [
+        f"{spoken(world, place)} ({100 * shares[place]:.0f} %)" for place in order[:4] if shares[place] > 0.05
     ]
-    rest = f"; else {listed(others)}" if others else ""
+    first = f"{spoken(world, order[0])} ({100 * shares[order[0]]:.0f} % of the last four weeks)"
+    rest = f"; else {listed(likely[1:])}" if likely[1:] else ""
     second = shares[order[1]] if len(order) > 1 else 0.0
     probability = min(Trust.CHANGED, 0.5 + 2.0 * (shares[order[0]] - second))
     sentence = f"{described(world, name)} is usually {first}{rest}."
