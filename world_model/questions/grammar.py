@@ -87,7 +87,7 @@ class ParsedQuestion:
 
     @property
     def past(self) -> bool:
-        return self.span is not None and self.span.start < self.world.now - 1.0
+        return self.span is not None and not self.world.is_now(self.span.start)
 
     @property
     def then(self) -> Span | None:

@@ -138,6 +138,10 @@ class Timeline:
         share = 1.0 - (stamp - last.until) / max(last.left_by - last.until, 1e-6)
         return {last.place: max(share, 0.0)}
 
+    def within(self, start: float, end: float) -> list[ObjectStay]:
+        """The stays that overlap a span."""
+        return [stay for stay in self.stays if stay.until >= start and stay.since <= end]
+
     def shares(self, start: float, end: float, absent: bool = False) -> dict[str, float]:
         """Share of the time between two moments that it was at each place.
 
@@ -212,6 +216,10 @@ class Recall:
         places = model.places or (model.store.places() if model.store is not None else Places())
         present = {item.id: item for item in objects}
         return cls(now, model.epoch, present, places, model.words.symbols, model.store)
+
+    def is_now(self, stamp: float) -> bool:
+        """Whether a moment is no earlier than a second before the newest that is known."""
+        return stamp >= self.now - 1.0
 
     @cached_property
     def epochs(self) -> dict[str, int]:

@@ -347,20 +347,17 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
 
 def _cut(line: Timeline, span: Span) -> Timeline:
     """The part of a timeline within a span."""
-    stays = [
+    stays = (
         replace(stay, until=min(stay.until, span.end), left_by=None)
-        for stay in line.stays
-        if stay.since <= span.end and stay.until >= span.start
-    ]
+        for stay in line.within(span.start, span.end)
+    )
     return replace(line, stays=tuple(stays), lost=False)
 
 
 def evidence_of(line: Timeline, start: float, end: float) -> tuple[Mapping[str, Any], ...]:
     """First and last sight of each stay that overlaps a span, the newest eight."""
     found: list[dict[str, Any]] = []
-    for stay in line.stays:
-        if stay.until < start or stay.since > end:
-            continue
+    for stay in line.within(start, end):
         events = {
             "came": None if line.cut and stay is line.stays[0] else stay.since,  # before what was read
             "seen": stay.until if stay.until > stay.since else None,
@@ -424,13 +421,14 @@ def shares_at(world: Recall, place: str, span: Span, ids: Sequence[str] | None =
 
 class _Found(NamedTuple):
     """What is at a place. lasts : at any time of the span, with its share of it, else at the moment, with its
-    probability. there : what is believed. then : the time as a sentence says it."""
+    probability. there : what is believed. then, verbs : the time as a sentence says it, and "is", "are" in it."""
 
     span: Span
     lasts: bool
     chances: dict[str, float]
     there: list[str]
     then: str
+    verbs: tuple[str, str]
 
     def named(self, world: Recall) -> str:
         """What is there, with the share of the time, or the doubt."""
@@ -464,7 +462,8 @@ def _found_at(
     chances = shares_at(world, place, span, ids) if lasts else at_place(world, place, span.middle, ids)
     there = [name for name in ranked(chances) if lasts or chances[name] >= BELIEVED]
     then = f" {span.between}" if lasts else "" if when is None else f" at {clock(span.start)}"
-    return _Found(span, lasts, chances, there, then)
+    verbs = ("is", "are") if when is None else ("was", "were")
+    return _Found(span, lasts, chances, there, then, verbs)
 
 
 def what_is_at(world: Recall, place: str, when: str | float | Span | None = None) -> Answer:
@@ -475,8 +474,9 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
     where = place_named(world, place)
     found = _found_at(world, where, when)
     there, stamp = found.there, found.span.end
-    verb = ("is", "are") if when is None else ("was", "were")
-    told_of = f"{found.named(world)} {verb[len(there) > 1]}" if there else f"Nothing that I know of {verb[0]}"
+    told_of = f"Nothing that I know of {found.verbs[0]}"
+    if there:
+        told_of = f"{found.named(world)} {found.verbs[len(there) > 1]}"
     at = at_the(world, where) or (" seen" if found.lasts else " here")
     looks = [
         evidence_of(world.window(name, stamp, stamp), stamp, stamp) for name in there[:4] if not found.lasts
@@ -504,13 +504,12 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
     p = min(1.0 - math.prod(1.0 - each for each in found.chances.values()), Trust.EACH)
     if lasts:
         p = FOUND if found.there else 1.0 - Trust.NOT_SEEN
-    verbs = ("was", "were") if when is not None else ("is", "are")
     if p >= 0.5:
-        verb = hedged(FOUND if lasts else p, verbs[len(found.there) > 1])
+        verb = hedged(FOUND if lasts else p, found.verbs[len(found.there) > 1])
         names = found.named(world) if lasts else listed(described(world, name) for name in found.there)
         sentence = f"Yes, {names or clean(what)} {verb} {spoken(world, where)}{found.then}"
     else:
-        sentence = f"No, {_not_at(world, meant, where, found, verbs)}"
+        sentence = f"No, {_not_at(world, meant, where, found)}"
     name = found.there[0] if lasts and found.there else meant.ids[0]
     evidence = evidence_of(world.window(name, span.start, span.end), span.start, span.end)
     options = () if lasts else found.options(where)
@@ -520,9 +519,10 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
 was_at = is_at
 
 
-def _not_at(world: Recall, meant: Meant, where: str, found: _Found, verbs: tuple[str, str]) -> str:
+def _not_at(world: Recall, meant: Meant, where: str, found: _Found) -> str:
     """That an object is not there, and of a moment where it is."""
     one = clean(re.sub("^(any|some|every)thing$", "thing that I know of", plain(meant.words)))
+    verbs = found.verbs
     said = f"there {verbs[meant.plural and one.endswith('s')]} no {one}"
     if len(meant.ids) == 1:
         said = f"{described(world, meant.ids[0])} {verbs[0]} not"
@@ -553,9 +553,8 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
     ids = tuple(world.things()) if everything else things_named(world, what, when is not None).ids
     found = _found_at(world, where, when, ids)
     count = len(found.there)
-    verb = ("is", "are") if when is None else ("was", "were")
     shown = f": {found.named(world)}" if count else ""
-    sentence = f"There {verb[count != 1]} {count} of these{at_the(world, where)}{found.then}{shown}"
+    sentence = f"There {found.verbs[count != 1]} {count} of these{at_the(world, where)}{found.then}{shown}"
     p, options = found.probability(Trust.SEEN), found.options(where)
     return Answer.stated(sentence, "how_many", p, found.span.start, count, (), options)
 
