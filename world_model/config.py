@@ -62,10 +62,7 @@ class Motion:
 @cache
 def default_motion() -> Mapping[str, Mapping[str, Any]]:
     """The shipped knowledge base: {class or "*": {...}}."""
-    given: Mapping[str, Mapping[str, Any]] = yaml.safe_load(
-        files("world_model").joinpath("defaults/classes.yaml").read_text(encoding="utf-8")
-    )
-    return given
+    return yaml.safe_load(files("world_model").joinpath("defaults/classes.yaml").read_text(encoding="utf-8"))
 
 
 def motion_of(name: str, motion: Mapping[str, Mapping[str, Any]] | None) -> Motion:
@@ -96,12 +93,8 @@ class WorldModelConfig:
     `defaults/classes.yaml`. Raises InputError naming the field.
     """
 
-    classes: Sequence[str] = field(
-        default=(), metadata={"description": "names of known classes; an empty list allows any"}
-    )
-    colors: Sequence[str] = field(
-        default=(), metadata={"description": "names of known colours; an empty list allows any"}
-    )
+    classes: Sequence[str] = setting((), "", "names of known classes; an empty list allows any")
+    colors: Sequence[str] = setting((), "", "names of known colours; an empty list allows any")
     region: Box = field(
         default=((-10.0, 10.0), (-10.0, 10.0), (-0.5, 3.0)),
         metadata={"unit": "m", "description": "where objects and false detections can be, by axis"},
@@ -131,9 +124,7 @@ class WorldModelConfig:
         1.0,
         1e4,
     )
-    motion: Mapping[str, Mapping[str, Any]] | None = field(
-        default=None, metadata={"description": "motion by class; * for all others"}
-    )
+    motion: Mapping[str, Mapping[str, Any]] | None = setting(None, "", "motion by class; * for all others")
     hypotheses: int = setting(100, "", "number of hypotheses that are kept", 1, 10000)
     late_window: float = setting(
         1.0,
@@ -142,23 +133,21 @@ class WorldModelConfig:
         0.0,
         60.0,
     )
-    attributes: Sequence[str] = field(
-        default=("shape", "size", "material"),
-        metadata={"description": "discrete attributes besides class and color"},
+    attributes: Sequence[str] = setting(
+        ("shape", "size", "material"), "", "discrete attributes besides class and color"
     )
     quantities: Mapping[str, tuple[float, float]] = field(
         default_factory=lambda: {"size": (0.3, 0.3), "ratio": (1.0, 0.7)}
     )
     """Continuous attributes: {name: (mean, standard deviation) over all objects}, SI units."""
     merged_detections: bool = setting(True, "", "one detection may come from two moving objects that touch")
-    sensor_bias: Sequence[float] = field(
-        default=(0.0,) * CONSTANT,
-        metadata={
-            "description": "systematic errors of detections at distance d and bearing b off the axis, (offset, scale, "
-            "depth, turn, lean, stretch, bend, delay) or the first of them: offset + scale d + depth d b²/2 + lean d b "
-            "along the line of sight, m, turn d + stretch d b + bend d b² across it, and their age at their stamp, s; "
-            "where learning starts from"
-        },
+    sensor_bias: Sequence[float] = setting(
+        (0.0,) * CONSTANT,
+        "",
+        "systematic errors of detections at distance d and bearing b off the axis, (offset, scale, "
+        "depth, turn, lean, stretch, bend, delay) or the first of them: offset + scale d + depth d b²/2 + lean d b "
+        "along the line of sight, m, turn d + stretch d b + bend d b² across it, and their age at their stamp, s; "
+        "where learning starts from",
     )
     learn_sensor_bias: bool = setting(
         True,

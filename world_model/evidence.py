@@ -116,29 +116,31 @@ def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
     if not isinstance(evidence, WorldEvidence):
         raise InputError(f"evidence must be a WorldEvidence, not {type(evidence).__name__}")
     objects = list(evidence.objects)
-    given = evidence.view.sensor if evidence.sensor is None and evidence.view is not None else evidence.sensor
-    sensor = None if given is None else SensorCone.checked(given)
+    cone = evidence.view.sensor if evidence.sensor is None and evidence.view is not None else evidence.sensor
+    sensor = None if cone is None else SensorCone.checked(cone)
     positions, covariances = np.empty((len(objects), 3)), np.empty((len(objects), 3, 3))
     for index, item in enumerate(objects):
         if not isinstance(item, ObjectEvidence):
             raise InputError(f"objects[{index}] must be an ObjectEvidence, not {type(item).__name__}")
         positions[index] = as_shape(f"objects[{index}].position", item.position, (3,))
-        if item.covariance is None:
-            covariances[index] = sigma**2 * np.eye(3)
-        else:
-            covariances[index] = as_shape(f"objects[{index}].covariance", item.covariance, (3, 3))
+        given = sigma**2 * np.eye(3) if item.covariance is None else item.covariance
+        covariances[index] = as_shape(f"objects[{index}].covariance", given, (3, 3))
         for name, distribution in item.attributes.items():
             _check_distribution(f"objects[{index}].attributes[{name!r}]", distribution)
     if not np.isfinite(positions).all():
         bad = int(np.flatnonzero(~np.isfinite(positions).all(1))[0])
         raise InputError(f"objects[{bad}].position must be finite; it holds NaN or infinity")
-    attributes, ids = tuple(item.attributes for item in objects), tuple(item.object_id for item in objects)
-    silent, quantities = (
+    return Measurements(
+        positions,
+        _definite(covariances),
+        tuple(item.attributes for item in objects),
+        tuple(item.object_id for item in objects),
+        sensor,
         evidence.blocked or (sensor is None and not objects),
-        tuple(i.quantities for i in objects),
+        tuple(item.quantities for item in objects),
+        evidence.view,
+        tuple(item.begins for item in objects),
     )
-    told = attributes, ids, sensor, silent, quantities, evidence.view, tuple(i.begins for i in objects)
-    return Measurements(positions, _definite(covariances), *told)
 
 
 def _definite(covariances: FloatArray) -> FloatArray:
@@ -151,8 +153,7 @@ def _definite(covariances: FloatArray) -> FloatArray:
     other = covariances.transpose(0, 2, 1)
     if (np.abs(covariances - other) > 1e-12 + 1e-6 * np.abs(other)).any():
         raise InputError("objects[].covariance must be symmetric")
-    result: FloatArray = covariances + SMALLEST_VARIANCE * np.eye(3)
-    return result
+    return covariances + SMALLEST_VARIANCE * np.eye(3)
 
 
 def _check_distribution(name: str, distribution: Distribution) -> None:

@@ -176,8 +176,7 @@ def remembered(made: Callable[P, T]) -> Callable[P, T]:
         key = (made.__qualname__, *rest, *named.items())
         if key not in world.kept:
             world.kept[key] = made(*given, **named)
-        found: T = world.kept[key]
-        return found
+        return world.kept[key]
 
     return once
 
