@@ -25,7 +25,7 @@ from world_model.memory.store import Store
 from world_model.memory.store_file import StoreError
 from world_model.memory.store_format import CURRENT, HISTORY, PAGE
 from world_model.memory.store_pages import FRAME, LOG_HEAD, Pages, rows_of
-from world_model.memory.store_rows import attributes_text, encode
+from world_model.memory.store_rows import encode
 from world_model.state import WorldObject, WorldState
 
 KINDS = (
@@ -97,7 +97,7 @@ def written(folder: Path, name: str, steps: int, objects: int, words: int, kille
             for number in range(1, objects + 1)
             if (step + 7 * number) % 40 < 30
         ]
-        ever |= {(item.id, *encode(item, attributes_text(item.attributes))) for item in seen}
+        ever |= {(item.id, *encode(item)) for item in seen}
         store.record(WorldState(tuple(seen), 1.0, float(len(seen)), stamp, epoch))
     if not killed:
         store.close()

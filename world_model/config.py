@@ -20,25 +20,26 @@ from estimation.settings import check_settings, setting
 from world_model.calibration.sensor_bias import CONSTANT, NAMES
 from world_model.state import Box
 
-MODELS = ("static", "constant_velocity")
 CARRY_SPEED = 0.7  # m/s: at which things are carried, standard deviation
+MOST = 1e6  # Of rates and deviations
 FREE_RUN = 10.0
 """s: a mover seen for the first time has the speed that its accelerations add up to in this time."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Behaviour of one class: `model`, root of its white acceleration density (m/s^1.5), rate of being carried
-    anywhere (1/s). follows_prediction : probability that a mover keeps to the path that is predicted for it, where one
-    is. turn_sigma : diffusion of a mover's heading at its speed, rad/s^0.5. usual_place : probability that what was
-    taken away is where it usually is at that time of day."""
+    """Behaviour of one class."""
 
-    model: str = "static"
-    accel_sigma: float = 0.5
-    moved_per_second: float = 1e-4
-    follows_prediction: float = 0.8
-    usual_place: float = 0.5
-    turn_sigma: float = 0.0
+    model: str = setting("static", "", "how it moves", choices=("static", "constant_velocity"))
+    accel_sigma: float = setting(0.5, "m/s^1.5", "root of its white acceleration density", 0.0, MOST)
+    moved_per_second: float = setting(1e-4, "1/s", "rate of being carried anywhere", 0.0, MOST)
+    follows_prediction: float = setting(
+        0.8, "", "probability that a mover keeps to the path that is predicted for it", 0.0, 1.0
+    )
+    usual_place: float = setting(
+        0.5, "", "probability that what was taken away is where it usually is at that time of day", 0.0, 1.0
+    )
+    turn_sigma: float = setting(0.0, "rad/s^0.5", "diffusion of a mover's heading at its speed", 0.0, MOST)
 
     @classmethod
     def checked(cls, name: str, given: Mapping[str, Any]) -> Motion:
@@ -48,32 +49,20 @@ class Motion:
         unknown = set(given) - set(cls.__dataclass_fields__)
         if unknown:
             raise InputError(f"motion[{name!r}] has unknown fields {sorted(unknown)}")
-        model = given.get("model", "static")
-        if model not in MODELS:
-            raise InputError(f"motion[{name!r}].model: one of {', '.join(MODELS)}, got {model!r}")
         # What moves by itself is carried by nobody, unless a deployment says so.
-        values = {"moved_per_second": 0.0} if model != "static" else {}
-        for key, value in given.items():
-            if key == "model":
-                continue
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not 0 <= value < np.inf:
-                raise InputError(
-                    f"motion[{name!r}].{key} must be a finite number of at least 0, not {value!r}"
-                )
-            if value > 1.0 and key in ("follows_prediction", "usual_place"):
-                raise InputError(f"motion[{name!r}].{key} must be in [0, 1]")
-            values[key] = float(value)
-        return cls(model, **values)
+        carried = {} if given.get("model", "static") == "static" else {"moved_per_second": 0.0}
+        made = cls(**{**carried, **given})
+        try:
+            check_settings(made)
+        except InputError as error:
+            raise InputError(f"motion[{name!r}].{error}") from error
+        return made
 
 
 @cache
 def default_motion() -> Mapping[str, Mapping[str, Any]]:
     """The shipped knowledge base: {class or "*": {...}}."""
-    given: Mapping[str, Mapping[str, Any]] = yaml.safe_load(
-        files("world_model").joinpath("defaults/classes.yaml").read_text(encoding="utf-8")
-    )
-    return given
+    return yaml.safe_load(files("world_model").joinpath("defaults/classes.yaml").read_text(encoding="utf-8"))
 
 
 def motion_of(name: str, motion: Mapping[str, Mapping[str, Any]] | None) -> Motion:
@@ -104,12 +93,8 @@ class WorldModelConfig:
     `defaults/classes.yaml`. Raises InputError naming the field.
     """
 
-    classes: Sequence[str] = field(
-        default=(), metadata={"description": "names of known classes; an empty list allows any"}
-    )
-    colors: Sequence[str] = field(
-        default=(), metadata={"description": "names of known colours; an empty list allows any"}
-    )
+    classes: Sequence[str] = setting((), "", "names of known classes; an empty list allows any")
+    colors: Sequence[str] = setting((), "", "names of known colours; an empty list allows any")
     region: Box = field(
         default=((-10.0, 10.0), (-10.0, 10.0), (-0.5, 3.0)),
         metadata={"unit": "m", "description": "where objects and false detections can be, by axis"},
@@ -139,9 +124,7 @@ class WorldModelConfig:
         1.0,
         1e4,
     )
-    motion: Mapping[str, Mapping[str, Any]] | None = field(
-        default=None, metadata={"description": "motion by class; * for all others"}
-    )
+    motion: Mapping[str, Mapping[str, Any]] | None = setting(None, "", "motion by class; * for all others")
     hypotheses: int = setting(100, "", "number of hypotheses that are kept", 1, 10000)
     late_window: float = setting(
         1.0,
@@ -150,23 +133,21 @@ class WorldModelConfig:
         0.0,
         60.0,
     )
-    attributes: Sequence[str] = field(
-        default=("shape", "size", "material"),
-        metadata={"description": "discrete attributes besides class and color"},
+    attributes: Sequence[str] = setting(
+        ("shape", "size", "material"), "", "discrete attributes besides class and color"
     )
     quantities: Mapping[str, tuple[float, float]] = field(
         default_factory=lambda: {"size": (0.3, 0.3), "ratio": (1.0, 0.7)}
     )
     """Continuous attributes: {name: (mean, standard deviation) over all objects}, SI units."""
     merged_detections: bool = setting(True, "", "one detection may come from two moving objects that touch")
-    sensor_bias: Sequence[float] = field(
-        default=(0.0,) * CONSTANT,
-        metadata={
-            "description": "systematic errors of detections at distance d and bearing b off the axis, (offset, scale, "
-            "depth, turn, lean, stretch, bend, delay) or the first of them: offset + scale d + depth d b²/2 + lean d b "
-            "along the line of sight, m, turn d + stretch d b + bend d b² across it, and their age at their stamp, s; "
-            "where learning starts from"
-        },
+    sensor_bias: Sequence[float] = setting(
+        (0.0,) * CONSTANT,
+        "",
+        "systematic errors of detections at distance d and bearing b off the axis, (offset, scale, "
+        "depth, turn, lean, stretch, bend, delay) or the first of them: offset + scale d + depth d b²/2 + lean d b "
+        "along the line of sight, m, turn d + stretch d b + bend d b² across it, and their age at their stamp, s; "
+        "where learning starts from",
     )
     learn_sensor_bias: bool = setting(
         True,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, as_finite, as_shape
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
-from world_model.state import WorldObject
+from world_model.camera.view import CameraView
 
 Distribution = Mapping[str, float]
 SUM_TOLERANCE = 0.01
@@ -40,34 +40,6 @@ class ObjectEvidence:
     begins: bool = True
 
 
-class View(Protocol):
-    """What was in view, more exactly than a cone: where something hides things, and how small they appear."""
-
-    @property
-    def sensor(self) -> Mapping[str, Any]:
-        """A `WorldEvidence.sensor` that holds all of it."""
-
-    @property
-    def knows_hidden(self) -> bool:
-        """Whether what hides an object has been measured."""
-
-    def seen(self, positions: FloatArray, sigmas: FloatArray, sizes: FloatArray) -> FloatArray:
-        """Probability (N,) that objects at positions (N, 3) with deviations sigmas (N,) and of sizes (N,), NaN where
-        unknown, m, would have been in view, unhidden and recognisable."""
-
-    def cells(self, centres: FloatArray, heights: FloatArray, size: float) -> FloatArray:
-        """Share (N,) of the heights, m, at places (N, 2) where a thing of that size, m, would have been seen."""
-
-    def density(self, positions: FloatArray, covariances: FloatArray) -> FloatArray | None:
-        """Density (M,), 1/m³, of one false detection at positions (M, 3) with covariances (M, 3, 3), m²; None for
-        anywhere in view alike."""
-
-    def learn(
-        self, objects: Sequence[WorldObject], found: Sequence[str | None], said: Sequence[Mapping[str, float]]
-    ) -> None:
-        """How the detector did: objects believed in, whose each detection (M,) was, and its class distribution."""
-
-
 @dataclass
 class WorldEvidence:
     """All detections of one look, also where there are none.
@@ -77,14 +49,14 @@ class WorldEvidence:
     seeing one there is evidence too. None: where the sensor looked is not known. Without detections such a
     look says nothing (blocked, failed); with detections it is taken as a look at everything, and what is not
     seen is kept in mind for long, in case it was out of view. blocked : the sensor failed or is covered; the
-    absence of detections says nothing. view : what the sensor could see within its cone, such as a
-    `world_model.camera.CameraView`; takes the place of `sensor` where that is None.
+    absence of detections says nothing. view : what a camera could see, more exactly than a cone; takes the place of
+    `sensor` where that is None.
     """
 
     objects: Sequence[ObjectEvidence]
     sensor: Mapping[str, Any] | None = None
     blocked: bool = False
-    view: View | None = None
+    view: CameraView | None = None
 
 
 @dataclass(frozen=True)
@@ -129,7 +101,7 @@ class Measurements:
     silent: bool
     """Whether not being seen means nothing in this look."""
     quantities: tuple[Mapping[str, tuple[float, float]], ...]
-    view: View | None = None
+    view: CameraView | None = None
     begins: tuple[bool, ...] = ()
 
     def only(self, which: list[int]) -> Measurements:
@@ -144,29 +116,31 @@ def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
     if not isinstance(evidence, WorldEvidence):
         raise InputError(f"evidence must be a WorldEvidence, not {type(evidence).__name__}")
     objects = list(evidence.objects)
-    given = evidence.view.sensor if evidence.sensor is None and evidence.view is not None else evidence.sensor
-    sensor = None if given is None else SensorCone.checked(given)
+    cone = evidence.view.sensor if evidence.sensor is None and evidence.view is not None else evidence.sensor
+    sensor = None if cone is None else SensorCone.checked(cone)
     positions, covariances = np.empty((len(objects), 3)), np.empty((len(objects), 3, 3))
     for index, item in enumerate(objects):
         if not isinstance(item, ObjectEvidence):
             raise InputError(f"objects[{index}] must be an ObjectEvidence, not {type(item).__name__}")
         positions[index] = as_shape(f"objects[{index}].position", item.position, (3,))
-        if item.covariance is None:
-            covariances[index] = sigma**2 * np.eye(3)
-        else:
-            covariances[index] = as_shape(f"objects[{index}].covariance", item.covariance, (3, 3))
+        given = sigma**2 * np.eye(3) if item.covariance is None else item.covariance
+        covariances[index] = as_shape(f"objects[{index}].covariance", given, (3, 3))
         for name, distribution in item.attributes.items():
             _check_distribution(f"objects[{index}].attributes[{name!r}]", distribution)
     if not np.isfinite(positions).all():
         bad = int(np.flatnonzero(~np.isfinite(positions).all(1))[0])
         raise InputError(f"objects[{bad}].position must be finite; it holds NaN or infinity")
-    attributes, ids = tuple(item.attributes for item in objects), tuple(item.object_id for item in objects)
-    silent, quantities = (
+    return Measurements(
+        positions,
+        _definite(covariances),
+        tuple(item.attributes for item in objects),
+        tuple(item.object_id for item in objects),
+        sensor,
         evidence.blocked or (sensor is None and not objects),
-        tuple(i.quantities for i in objects),
+        tuple(item.quantities for item in objects),
+        evidence.view,
+        tuple(item.begins for item in objects),
     )
-    told = attributes, ids, sensor, silent, quantities, evidence.view, tuple(i.begins for i in objects)
-    return Measurements(positions, _definite(covariances), *told)
 
 
 def _definite(covariances: FloatArray) -> FloatArray:
@@ -179,8 +153,7 @@ def _definite(covariances: FloatArray) -> FloatArray:
     other = covariances.transpose(0, 2, 1)
     if (np.abs(covariances - other) > 1e-12 + 1e-6 * np.abs(other)).any():
         raise InputError("objects[].covariance must be symmetric")
-    result: FloatArray = covariances + SMALLEST_VARIANCE * np.eye(3)
-    return result
+    return covariances + SMALLEST_VARIANCE * np.eye(3)
 
 
 def _check_distribution(name: str, distribution: Distribution) -> None:

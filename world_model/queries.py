@@ -144,7 +144,16 @@ def ask(worlds: Sequence[World], request: Request, stamp: float, words: Words) -
 
     Raises InputError for a place, class or predicate nobody knows of.
     """
-    _check(worlds, request, words)
+    # Words that nobody knows are a mistake; a known word that nothing meets is an empty answer.
+    known = {
+        value
+        for _, objects in (worlds if request.predicates else ())
+        for item in objects
+        for distribution in item.attributes.values()
+        for value in distribution
+    }
+    for symbol in request.predicates:
+        words.symbols.require(symbol, known)
     region = _region(worlds, request.region, words)
     meets: dict[int, float] = {}
     totals: dict[str, float] = {}
@@ -208,21 +217,6 @@ def last_seen(model: WorldModel, region: str | Place | npt.ArrayLike | None, wor
     if not stamps:
         raise InputError(f"stamp: nothing was ever seen at {place.name!r}")
     return max(stamps)
-
-
-def _check(worlds: Sequence[World], request: Request, words: Words) -> None:
-    """Words that nobody knows are a mistake; a known word that nothing meets is an empty answer."""
-    if not request.predicates:
-        return
-    values = {
-        value
-        for _, objects in worlds
-        for item in objects
-        for distribution in item.attributes.values()
-        for value in distribution
-    }
-    for symbol in request.predicates:
-        words.symbols.require(symbol, values)
 
 
 def _probability(item: WorldObject, request: Request, region: Place | None, words: Words) -> float:

@@ -79,7 +79,7 @@ class Symbols:
             return min(sum(parts), 1.0)
         if predicate is None:
             return max((float(values.get(symbol, 0.0)) for values in attributes.values()), default=0.0)
-        if quantities and predicate.where and all(name in quantities for name, _ in predicate.where):
+        if quantities and predicate.where and predicate.where.keys() <= quantities.keys():
             return self._mass(predicate, quantities)
         known = attributes.get(predicate.attribute)
         if known:
@@ -110,7 +110,7 @@ class Symbols:
                 if name != "class" and value not in self.predicates:
                     found[value] = float(probability)
         for symbol, predicate in self.predicates.items():
-            measured = quantities and all(name in quantities for name, _ in predicate.where)
+            measured = quantities and predicate.where.keys() <= quantities.keys()
             if predicate.any or predicate.attribute in attributes or (predicate.where and measured):
                 found[symbol] = self.probability(symbol, attributes, quantities)
         likely = {symbol: p for symbol, p in found.items() if p >= min_probability}
@@ -141,7 +141,7 @@ class Symbols:
                 raise InputError(f"predicate {symbol!r} excludes {', '.join(known or ())}")
             discrete[attribute] = {value: 1.0 / len(both) for value in both}
             predicate = self.predicates.get(symbol)
-            for name, intervals in predicate.where if predicate else ():
+            for name, intervals in predicate.where.items() if predicate else ():
                 continuous[name] = _moments(intervals)
         return Grounding(discrete, continuous)
 
@@ -171,7 +171,7 @@ class Symbols:
         found: dict[str, dict[str, float]] = {}
         for symbol, predicate in self.predicates.items():
             allowed = list(known.get(predicate.attribute, ())) if known else []
-            complete = predicate.where and all(name in quantities for name, _ in predicate.where)
+            complete = predicate.where and predicate.where.keys() <= quantities.keys()
             if complete and (not allowed or symbol in allowed):
                 found.setdefault(predicate.attribute, {})[symbol] = self._mass(predicate, quantities)
         for values in found.values():
@@ -206,7 +206,7 @@ class Symbols:
     def _mass(self, predicate: Predicate, quantities: Mapping[str, Gaussian]) -> float:
         """Probability of a predicate's region, the quantities being independent."""
         product = 1.0
-        for name, intervals in predicate.where:
+        for name, intervals in predicate.where.items():
             product *= _inside(self._relations.quantities[name], intervals, *quantities[name])
         return product
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,30 +27,6 @@ from world_model.warm_up import warm_up
 # s that may have passed between two runs.
 BETWEEN_RUNS = 60.0
 OUTCOMES = ("found", "occluded", "not_found")
-
-
-@dataclass(frozen=True)
-class Earlier:
-    """What rested when a run ended: objects, whose stamps count from then, and the highest numbers of symbols."""
-
-    objects: tuple[WorldObject, ...] = ()
-    names: Mapping[str, int] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, anchoring: Anchoring, then: float) -> Earlier:
-        """What will be believed in at a stamp, s; whoever moves is gone."""
-        resting = (
-            item
-            for item in anchoring.presentation.predicted(then)
-            if not item.behaviors.get("constant_velocity", 0.0) > 0.5
-        )
-        return cls(tuple(_moved(item, -then) for item in resting), dict(anchoring.anchors.names))
-
-    def take_up(self, anchoring: Anchoring, stamp: float) -> None:
-        """Believe in it from a stamp on, s."""
-        for item in self.objects:
-            anchoring.recall.remember(_moved(item, stamp), stamp)
-        anchoring.objects.reserve(self.names)
 
 
 def _moved(item: WorldObject, seconds: float) -> WorldObject:
@@ -82,7 +58,8 @@ class WorldModel:
         self.epoch = 0
         self.stamp = -np.inf
         self.begun = np.inf  # first stamp of this run
-        self._earlier = Earlier()
+        self._earlier: tuple[Sequence[WorldObject], Mapping[str, int]] = ((), {})
+        """What rested when a run ended, with stamps that count from then, and the highest numbers of symbols."""
         self.anchoring = Anchoring(self.config, MOST_LOOKS if looks_back else FIRST_LOOKS, behaviors)
         self._anchors = self.anchoring.anchors
         if self.store is not None and places:
@@ -300,16 +277,19 @@ class WorldModel:
         """
         self.anchoring.reset()
         self.stamp, self.epoch = float(stamp), epoch
+        self._believe(objects, names or {})
+
+    def _believe(self, objects: Iterable[WorldObject], names: Mapping[str, int]) -> None:
         for item in objects:
             self.anchoring.recall.remember(item, self.stamp)
-        self.anchoring.objects.reserve(names or {})
+        self.anchoring.objects.reserve(names)
 
     def reset(self) -> None:
         """Forget all objects and start a new epoch."""
         self.anchoring.reset()
         self.epoch += 1
         self.stamp, self.begun = -np.inf, np.inf
-        self._earlier = Earlier()
+        self._earlier = ((), {})
         if self.store is not None:
             self.store.begin(self.epoch)
 
@@ -319,17 +299,20 @@ class WorldModel:
         How long ago that was nobody knows. The objects come back with the next evidence, as if nobody had looked for
         `BETWEEN_RUNS`, last seen before it; whoever moved is gone.
         """
-        if np.isfinite(self.stamp):
-            self._earlier = Earlier.of(self.anchoring, self.stamp + BETWEEN_RUNS)
-        earlier = self._earlier
+        earlier, then = self._earlier, self.stamp + BETWEEN_RUNS
+        if np.isfinite(then):
+            objects = self.anchoring.presentation.predicted(then)
+            resting = (item for item in objects if item.behaviors.get("constant_velocity", 0.0) <= 0.5)
+            earlier = [_moved(item, -then) for item in resting], dict(self._anchors.names)
         self.reset()
         self._earlier = earlier
 
     def _take_up(self) -> None:
         """What an earlier run knew, at the first stamp of this one."""
-        if self._earlier.objects:
-            self._earlier.take_up(self.anchoring, self.stamp)
-            self._earlier = Earlier()
+        objects, names = self._earlier
+        if objects:
+            self._believe((_moved(item, self.stamp) for item in objects), names)
+        self._earlier = ((), {})
         self.begun = min(self.begun, self.stamp)
 
     @property

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from estimation.checks import FloatArray
 from world_model.anchoring.attributes import FLATTEST, Quantities
 from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, Leaves
-from world_model.evidence import View
+from world_model.camera.view import CameraView
 
 SMALL = 0.05  # m: width and height of an object whose size is not known
 SURELY = 0.9
@@ -40,7 +40,9 @@ def hide(
     _cover(leaves, chosen[:count], clear, covers, own, sensor)
 
 
-def restrict(leaves: Leaves, chosen: IntArray, clear: FloatArray, view: View, quantities: Quantities) -> None:
+def restrict(
+    leaves: Leaves, chosen: IntArray, clear: FloatArray, view: CameraView, quantities: Quantities
+) -> None:
     """Lower the probability `clear` of being in view of the leaves `chosen` (n,) as a view tells, in place."""
     index = np.flatnonzero(clear[: len(chosen)] > 0.0)
     positions, variances = spots(leaves, chosen[index])

@@ -12,8 +12,9 @@ import numpy as np
 from estimation.checks import FloatArray
 from world_model.anchoring.attributes import Quantities
 from world_model.anchoring.loops.kernels import clearance
+from world_model.camera.view import CameraView
 from world_model.config import WorldModelConfig
-from world_model.evidence import SensorCone, View
+from world_model.evidence import SensorCone
 
 MOST_CELLS = 96
 SMALLEST_CELL = 0.25
@@ -76,7 +77,7 @@ class Unseen:
         known: bool,
         silent: bool,
         stamp: float,
-        view: View | None = None,
+        view: CameraView | None = None,
     ) -> tuple[FloatArray, FloatArray, float]:
         """Densities of undetected objects at detections (M,) and of clutter, 1/m³, and for how long nobody had
         looked there (M,), s; then take the look in.
@@ -122,7 +123,7 @@ class Unseen:
             self.looked[shares > 0.5] = stamp
         return density, gap, config.clutter_per_frame / volume
 
-    def _restrict(self, shares: FloatArray, view: View) -> None:
+    def _restrict(self, shares: FloatArray, view: CameraView) -> None:
         """Lower the shares (nx, ny) of the cells by what could be seen there, in place."""
         low, high = self.region[2] if self.box is None else self.box[2]
         heights = low + (np.arange(HEIGHTS) + 0.5) / HEIGHTS * (high - low)

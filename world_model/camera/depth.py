@@ -67,8 +67,7 @@ class DepthImage:
 
     def sigma(self, metres: FloatArray) -> FloatArray:
         """Standard deviation (N,) m of depths (N,)."""
-        result: FloatArray = FLOOR_NOISE + self.noise * metres * metres
-        return result
+        return FLOOR_NOISE + self.noise * metres * metres
 
     def at(self, pixels: FloatArray) -> FloatArray:
         """Depth (N,) m at pixels (N, 2); NaN outside and where it is unknown."""
@@ -120,8 +119,7 @@ class LevelScan:
 
     def at(self, points: FloatArray) -> FloatArray:
         """Level distance (N,) m to what stands in the direction of points (N, 3); inf where nothing is known to."""
-        nearest: FloatArray = self._nearest[self._bins(points[:, :2] - self._origin[:2])]
-        return nearest
+        return self._nearest[self._bins(points[:, :2] - self._origin[:2])]
 
     def hides(self, points: FloatArray) -> npt.NDArray[np.bool_]:
         """Which points (N, 3) are behind something."""

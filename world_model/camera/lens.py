@@ -108,8 +108,7 @@ class CameraModel:
                 straight /= np.maximum(outside, 1.0)[:, None]
             # A polynomial that makes no sense bends nothing.
             straight = np.where(np.isfinite(straight), straight, seen)
-        rays: FloatArray = np.column_stack([straight, np.ones(len(at))]) @ self.turn
-        return rays
+        return np.column_stack([straight, np.ones(len(at))]) @ self.turn
 
     def project(self, points: npt.ArrayLike) -> FloatArray:
         """Pixels (N, 2) of points (N, 3) m in the frame that tf knows; NaN behind it and far beside the view."""
@@ -121,8 +120,7 @@ class CameraModel:
             flat[np.hypot(*flat.T) > self._reach] = np.nan
             radial, shift = _bent(flat, self.distortion)
             flat = flat * radial[:, None] + shift
-        pixels: FloatArray = flat * (self.fx, self.fy) + (self.cx, self.cy)
-        return pixels
+        return flat * (self.fx, self.fy) + (self.cx, self.cy)
 
     def inside(self, pixels: FloatArray) -> npt.NDArray[np.bool_]:
         """Which pixels (N, 2) are of the image."""

@@ -43,8 +43,7 @@ class SightRates:
         assumed = 1.0 / (1.0 + (self.pixels / np.maximum(apparent, 1e-6)) ** STEEPNESS)
         octave = _octave(apparent)
         total = self.found + self.missed
-        result: FloatArray = (self.found[octave] + PRIOR * assumed) / (total[octave] + PRIOR)
-        return result
+        return (self.found[octave] + PRIOR * assumed) / (total[octave] + PRIOR)
 
     def look(self, objects: Sequence[WorldObject], apparent: FloatArray, found: Iterable[str | None]) -> None:
         """One look: objects that were surely in view, their apparent sizes (N,), and whose each detection was."""

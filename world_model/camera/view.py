@@ -89,8 +89,7 @@ class CameraView:
         """Apparent size (N,) of objects, pixels."""
         size = np.where(np.isfinite(sizes), sizes, SIZE)
         away = np.maximum(np.linalg.norm(positions - self.pose[:3, 3], axis=1), NEAR)
-        result: FloatArray = self.camera.fx * size / away
-        return result
+        return self.camera.fx * size / away
 
     def learn(
         self, objects: Sequence[WorldObject], found: Sequence[str | None], said: Sequence[Mapping[str, float]]
@@ -114,8 +113,7 @@ class CameraView:
         seen, known = self._unhidden(points, np.full(len(points), size), np.zeros(len(points)))
         seen &= known & ~self._taken(points, np.zeros(len(points)))
         chance = seen * self.recognisable(points, np.full(len(points), size))
-        result: FloatArray = chance.reshape(len(heights), -1).mean(0)
-        return result
+        return chance.reshape(len(heights), -1).mean(0)
 
     def density(self, positions: FloatArray, covariances: FloatArray) -> FloatArray | None:
         """Density (M,), 1/m³, of a false detection: anywhere in the picture, and there at the depth of what is seen."""
@@ -126,8 +124,7 @@ class CameraView:
         ray = away / np.maximum(np.linalg.norm(away, axis=1), NEAR)[:, None]
         deep = np.sqrt(2.0 * np.pi * np.einsum("ma,mab,mb->m", ray, covariances, ray))
         pixels = self.camera.fx * self.camera.fy / ahead**2  # of a square metre there
-        result: FloatArray = pixels / (self.camera.width * self.camera.height * deep)
-        return result
+        return pixels / (self.camera.width * self.camera.height * deep)
 
     @cached_property
     def sensor(self) -> dict[str, Any]:
@@ -151,8 +148,7 @@ class CameraView:
         """Unit offsets (AROUND + 1, 3) in the picture's plane, the middle first."""
         angle = np.arange(AROUND) * 2.0 * np.pi / AROUND
         flat = np.vstack([np.zeros(3), np.column_stack([np.cos(angle), np.sin(angle), np.zeros(AROUND)])])
-        result: FloatArray = flat @ self.pose[:3, :3].T
-        return result
+        return flat @ self.pose[:3, :3].T
 
     def _doubt(self, positions: FloatArray) -> FloatArray:
         """Standard deviation (N,) m of where objects are relative to the camera, by the robot's own pose."""
@@ -161,8 +157,7 @@ class CameraView:
         origin = self.pose[:2, 3] if self.origin is None else self.origin
         away = np.hypot(*(positions[:, :2] - origin).T)
         planar = max(float(self.pose_covariance[0, 0]), float(self.pose_covariance[1, 1]))
-        result: FloatArray = np.sqrt(planar + away**2 * float(self.pose_covariance[2, 2]))
-        return result
+        return np.sqrt(planar + away**2 * float(self.pose_covariance[2, 2]))
 
     def _unhidden(self, points: FloatArray, size: FloatArray, spread: FloatArray) -> tuple[Any, Any]:
         """Which points (N, 3), of things of a size and with deviations (N,) m, are in the picture and unhidden; which

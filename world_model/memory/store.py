@@ -21,6 +21,7 @@ from estimation.geometry.places import Places
 from world_model.memory.store_file import Keeper, StoreError, StoreFile, copy_store
 from world_model.memory.store_format import (
     CLOCK,
+    COUNTED,
     CURRENT,
     EPOCHS,
     HISTORY,
@@ -38,7 +39,6 @@ from world_model.memory.store_rows import (
     NAME,
     RUN,
     Written,
-    attributes_text,
     decode,
     encode,
     event,
@@ -71,10 +71,10 @@ class Transaction:
 
     def applied(self, clock: StoreClock, epoch: int, stamp: float | None) -> StoreClock:
         """The row of `clock` after it."""
-        more, total = self.more, summed((clock.total, self.marks))
-        runs, names = clock.runs + more["epochs"], clock.names + more["names"]
-        present, past = clock.present + more["current"], clock.past + more["history"]
-        sequence = clock.sequence + 1
+        runs, names, _, present, past = (
+            count + self.more[table.name] for table, count in zip(COUNTED, clock.counts, strict=True)
+        )
+        sequence, total = clock.sequence + 1, summed((clock.total, self.marks))
         return StoreClock(epoch, stamp, clock.identity, sequence, runs, names, present, past, total)
 
     def put(self, table: StoreTable, *values: object, instead: int | None = None) -> int:
@@ -115,7 +115,7 @@ class Transaction:
         on: the ruler sequence."""
         number += 1
         level = EVENT_LEVEL if happened in EVENTS else (number & -number).bit_length() - 1
-        self.happen(key, stamp, happened, level, encode(item, attributes_text(item.attributes, 4)))
+        self.happen(key, stamp, happened, level, encode(item, 4))
 
     def thin(self, count: int, limit: int) -> None:
         """Delete up to `count` rows of history, of which `limit` are kept: the older half, those of low level first."""
@@ -206,11 +206,11 @@ class Store(Records):
         with self._trying(), self._transaction() as change:
             known = self._written[new_object_id] = self._written.pop(object_id)
             for table in (OBJECTS, NAMES):
-                before = table.mark((known.key, self._epoch, object_id))
-                change.put(table, known.key, self._epoch, new_object_id, instead=before)
+                before = table.mark((known.key, self._clock.epoch, object_id))
+                change.put(table, known.key, self._clock.epoch, new_object_id, instead=before)
 
     def _record(self, state: WorldState) -> None:
-        if state.epoch != self._epoch:
+        if state.epoch != self._clock.epoch:
             self._begin(state.epoch)
         written = self._written
         changed = [
@@ -240,20 +240,18 @@ class Store(Records):
         """Rows of one object that is new or another version; what to remember of it."""
         known = self._written.get(item.id)
         if known is None:
-            key, rows = change.key(item.id, self._epoch)
-            happened, text = "returned" if rows else "appeared", attributes_text(item.attributes)
+            key, rows = change.key(item.id, self._clock.epoch)
+            happened = "returned" if rows else "appeared"
         elif is_drift(known.row, item):
             return replace(known, latest=item)
         else:
             key, rows = known.key, known.rows
             happened = event(known.noted, known.noted_at, item, stamp)
-            same = known.row.attributes == item.attributes
-            text = known.text if same else attributes_text(item.attributes)
-        mark = change.put(CURRENT, key, *encode(item, text), instead=None if known is None else known.mark)
+        mark = change.put(CURRENT, key, *encode(item), instead=None if known is None else known.mark)
         if known is not None and not happened:
-            return replace(known, latest=item, row=item, text=text, mark=mark)
+            return replace(known, latest=item, row=item, mark=mark)
         change.note(key, stamp, happened, rows, item)
-        return Written(key, item, item, item, stamp, rows + 1, text, mark)
+        return Written(key, item, item, item, stamp, rows + 1, mark)
 
     def _begin(self, epoch: int) -> None:
         known = self._execute(f"SELECT {EPOCHS.columns} FROM epochs WHERE epoch = ?", epoch).fetchone()
@@ -322,7 +320,7 @@ class Store(Records):
         connection.execute("BEGIN IMMEDIATE")
         try:
             yield change
-            clock = change.applied(self._clock, self._epoch if epoch is None else epoch, stamp)
+            clock = change.applied(self._clock, self._clock.epoch if epoch is None else epoch, stamp)
             connection.execute(CLOCK.insert, clock.row)
             connection.execute("COMMIT")
         except BaseException:
@@ -348,7 +346,7 @@ class Store(Records):
     def _resume(self) -> None:
         self._clock = StoreClock.of(self._file.connection)
         self._run = self._execute(
-            f"SELECT {EPOCHS.columns} FROM epochs WHERE epoch = ?", self._epoch
+            f"SELECT {EPOCHS.columns} FROM epochs WHERE epoch = ?", self._clock.epoch
         ).fetchone()
         self._next_row = 1 + self._newest_row()
         self._kept_places = self._places_row()
@@ -365,8 +363,8 @@ class Store(Records):
             (key, *current, mark), (row, _, noted_at, _, _, *past, _) = values[:width], values[width:]
             item = decode(name, tuple(current))
             noted = item if row is None else decode(name, tuple(past))
-            noted_at = self._stamp or 0.0 if row is None else noted_at
-            self._written[name] = Written(key, item, item, noted, noted_at, count, current[5], mark)
+            noted_at = self._clock.stamp or 0.0 if row is None else noted_at
+            self._written[name] = Written(key, item, item, noted, noted_at, count, mark)
 
     def _fail(self, error: BaseException) -> None:
         self.failures += 1

@@ -173,12 +173,11 @@ class StoreFile:
             return ["it is empty"]
         head = pages[1]
         version = version_of(head)
-        problem = "" if HEAD.match(head) else "the head of the file is not as it was written"
+        known, problem = version in (VERSION, FIRST_VERSION), ""
         if head[:16] != MAGIC:
             problem = "does not begin as a database does"
-        known = version in (VERSION, FIRST_VERSION)
-        if not known:
-            problem = problem or "the head of the file is not as it was written"
+        elif not known or not HEAD.match(head):
+            problem = "the head of the file is not as it was written"
         # Numbers in the head may be damaged rather than somebody else's.
         one_bit = not version or (version ^ VERSION).bit_count() == 1
         if not known and head[:16] == MAGIC and not (one_bit and any(found[0] for _, found in pages.rows())):

@@ -51,29 +51,21 @@ class Records:
     _written: dict[str, Written]
 
     @property
-    def _epoch(self) -> int:
-        return self._clock.epoch
-
-    @property
-    def _stamp(self) -> float | None:
-        return self._clock.stamp
-
-    @property
     def data_version(self) -> int:
         """Another number whenever another process has written since."""
         return int(self._value("PRAGMA data_version"))
 
     def restore(self) -> Memory | None:
         """What was known at the last message, for a new `WorldModel`; None where nothing is remembered."""
-        if self._stamp is None and self._epoch == 0 and not self._written:
+        epoch, stamp, *_ = self._clock
+        if stamp is None and epoch == 0 and not self._written:
             return None
         numbers: dict[str, int] = {}
-        for (name,) in self._execute("SELECT id FROM objects WHERE epoch = ?", self._epoch):
+        for (name,) in self._execute("SELECT id FROM objects WHERE epoch = ?", epoch):
             parsed = parse_symbol(name)
             if parsed is not None:
                 numbers[parsed[0]] = max(numbers.get(parsed[0], 0), parsed[1])
-        stamp = -float("inf") if self._stamp is None else self._stamp
-        return Memory(tuple(self.present()), stamp, self._epoch, numbers)
+        return Memory(tuple(self.present()), -float("inf") if stamp is None else stamp, epoch, numbers)
 
     def places(self, stamp: float = float("inf")) -> Places:
         """Rooms and furniture as they were at `stamp`, s; the first ones before that. Empty where none were kept."""
@@ -113,7 +105,7 @@ class Records:
         rows = self._execute(
             "SELECT DISTINCT h.numbers, h.last_seen FROM history h JOIN objects o ON o.key = h.key "
             "WHERE o.epoch = ? AND NOT h.lost ORDER BY h.last_seen DESC",
-            self._epoch if epoch is None else epoch,
+            self._clock.epoch if epoch is None else epoch,
         )
         for numbers, seen in rows:
             values = np.frombuffer(numbers, "<f8")
@@ -145,7 +137,7 @@ class Records:
         return self._execute(
             "SELECT h.stamp, h.event, o.id FROM history h JOIN objects o ON o.key = h.key WHERE o.epoch = ? "
             "ORDER BY h.stamp, h.row",
-            self._epoch if epoch is None else epoch,
+            self._clock.epoch if epoch is None else epoch,
         )
 
     # For questions: read from the file, also while another process writes to it.

@@ -31,7 +31,7 @@ QUANTITIES = "quantities"  # Beside the behaviours, which it is none of: stores 
 @dataclass
 class Written:
     """What the store has of one object. `latest` is the newest, `row` the one in `current`, `noted` the newest in
-    `history`, at `noted_at`; `rows` counts those; `text` is the JSON of `row`'s attributes, `mark` that of its row."""
+    `history`, at `noted_at`; `rows` counts those; `mark` is that of the row in `current`."""
 
     key: int
     latest: WorldObject
@@ -39,19 +39,18 @@ class Written:
     noted: WorldObject
     noted_at: float
     rows: int
-    text: str
     mark: int
 
 
-def encode(item: WorldObject, text: str) -> tuple[Any, ...]:
-    """Values for `COLUMNS`, `text` being those of the attributes."""
+def encode(item: WorldObject, digits: int = 7, text: str = "") -> tuple[Any, ...]:
+    """Values for `COLUMNS`. digits : of attributes' probabilities. text : in place of the attributes."""
     numbers = b"".join(
         np.asarray(array, "<f8").tobytes()
         for array in (item.position, item.velocity, item.covariance, item.process_noise)
     )
     state = float(item.existence), bool(item.lost), float(item.last_seen), float(item.first_seen)
     region = None if item.region is None else json.dumps(item.region)
-    return numbers, *state, text, behaviors_text(item), region
+    return numbers, *state, text or attributes_text(item.attributes, digits), behaviors_text(item), region
 
 
 def decode(object_id: str, row: tuple[Any, ...]) -> WorldObject:
@@ -80,7 +79,7 @@ def decode(object_id: str, row: tuple[Any, ...]) -> WorldObject:
     )
 
 
-def attributes_text(attributes: Mapping[str, Mapping[str, float]], digits: int = 7) -> str:
+def attributes_text(attributes: Mapping[str, Mapping[str, float]], digits: int) -> str:
     """JSON of attribute distributions; values that are practically excluded are left out."""
     told = {
         name: {value: round(p, digits) for value, p in values.items() if p > CERTAIN}
@@ -130,14 +129,11 @@ def event(noted: WorldObject, noted_at: float, item: WorldObject, stamp: float) 
 
 
 def _changed(before: Mapping[str, Mapping[str, float]], now: Mapping[str, Mapping[str, float]]) -> bool:
-    for name, values in now.items():
-        known = before.get(name)
-        if known is None:
-            return True
-        for value, probability in values.items():
-            if abs(probability - known.get(value, 0.0)) > CHANGED:
-                return True
-    return False
+    return any(
+        name not in before
+        or any(abs(p - before[name].get(value, 0.0)) > CHANGED for value, p in values.items())
+        for name, values in now.items()
+    )
 
 
 # Rooms and furniture are rows of history of an object without a name, in a run before all runs: stores of before are
@@ -175,4 +171,4 @@ def places_row(text: str, stamp: float) -> tuple[Any, ...]:
     """Values of a row of history, from the numbers on."""
     nothing = np.zeros((3, 3))
     empty = WorldObject(NAME, np.zeros(3), np.zeros(3), nothing, {}, 0.0, False, stamp, stamp)
-    return encode(empty, text)
+    return encode(empty, text=text)

@@ -74,7 +74,10 @@ def who_was_here(world: Recall, place: str = "", since: When = None, person: str
     period = period_of(world, span)
     probability = Trust.SEEN if visits else Trust.STORY
     if visits:
-        sentence = f"{_people(world, visits)}{at} {period}: {'; '.join(parts[-8:])}"
+        # One with a name is one under all ids.
+        count = len({name_of_person(world.item(visit.person)) or visit.person for visit in visits})
+        were = "1 person was" if count == 1 else f"{count} people were"
+        sentence = f"{were}{at} {period}: {'; '.join(parts[-8:])}"
     else:
         nobody = f"not seen {_called(world, person)}" if person else "seen nobody"
         sentence = f"I have {nobody}{at} {period}"
@@ -190,13 +193,6 @@ def present_at(world: Recall, move: Change) -> list[str]:
     return found
 
 
-def _people(world: Recall, visits: list[Visit]) -> str:
-    """How many: one with a name is one under all ids."""
-    names = {name_of_person(world.item(visit.person)) or visit.person for visit in visits}
-    count = len(names)
-    return f"{count} {'person was' if count == 1 else 'people were'}"
-
-
 def visits_of(world: Recall, place: str, span: Span) -> list[Visit]:
     """Visits of people within a span, in order of time."""
     found: list[Visit] = []
@@ -236,10 +232,6 @@ def _at(place: Place, positions: FloatArray) -> Any:
 
 
 def _joined(name: str, stamps: FloatArray) -> list[Visit]:
-    visits: list[Visit] = []
-    for stamp in stamps.tolist():
-        if visits and stamp - visits[-1].end <= PAUSE:
-            visits[-1] = Visit(name, visits[-1].start, stamp)
-        else:
-            visits.append(Visit(name, stamp, stamp))
-    return visits
+    """Visits of a person who was seen at these stamps (N,)."""
+    runs = np.split(stamps, np.flatnonzero(np.diff(stamps) > PAUSE) + 1)
+    return [Visit(name, float(run[0]), float(run[-1])) for run in runs if len(run)]

@@ -11,23 +11,17 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from world_model.memory.courses import PlaceCourse, Sight, courses_of, courses_of_rows
-from world_model.questions.recall import FOUND_AFTER, Recall, Timeline
-from world_model.state import BELIEVED, DAY, PERSON
-
-
-def presence_of(world: Recall, start: float) -> dict[str, PlaceCourse]:
-    """Where all that is no person was since a moment, or since what can be read at once, by newest id; read once."""
-    return world.once(f"presence {start}", lambda: _read(world, start))
+from world_model.questions.recall import FOUND_AFTER, Recall, Timeline, remembered
+from world_model.state import BELIEVED, DAY, PERSON, most_probable
 
 
 def course_of(world: Recall, name: str, start: float) -> PlaceCourse | None:
     """Where one object was since a moment, None where it was not seen: of few objects cheaper than `presence_of`."""
-    whole = world.kept.get(f"presence {start}")
-    if isinstance(whole, dict):
-        return whole.get(name)
-    return world.once(f"course {name} {start}", lambda: _of_one(world, name, start))
+    whole = world.kept.get((presence_of.__qualname__, start))
+    return whole.get(name) if isinstance(whole, dict) else _of_one(world, name, start)
 
 
+@remembered
 def _of_one(world: Recall, name: str, start: float) -> PlaceCourse | None:
     if world.store is None:
         return _of_line(world.timeline(name))
@@ -37,7 +31,9 @@ def _of_one(world: Recall, name: str, start: float) -> PlaceCourse | None:
     return courses_of_rows(world.store, {name: rows}, world.words, world.present, start).get(name)
 
 
-def _read(world: Recall, start: float) -> dict[str, PlaceCourse]:
+@remembered
+def presence_of(world: Recall, start: float) -> dict[str, PlaceCourse]:
+    """Where all that is no person was since a moment, or since what can be read at once, by newest id."""
     if world.store is not None:
         return courses_of(
             world.store, world.words, world.present, start, lambda name: world.individual(name)[0]
@@ -52,7 +48,7 @@ def _of_line(line: Timeline) -> PlaceCourse | None:
     for stay in line.stays:
         stamps.append(stay.since)
         places.append(stay.place)
-        if stay.gone and stay.left_by is not None:
+        if stay.left_by is not None:
             stamps.append(stay.left_by)
             places.append(None)
     return PlaceCourse.of(stamps, places, line.stays[-1].until) if line.stays else None
@@ -78,38 +74,32 @@ class Elsewhere:
     @property
     def best(self) -> str:
         """The most probable place, "" where that is a mere guess, or it is more probably out of the house."""
-        place = max(self.places, key=self.places.__getitem__, default="")
+        place = most_probable(self.places)
         return place if self.places.get(place, 0.0) >= max(self.out, GUESS) else ""
 
 
 def elsewhere(world: Recall, line: Timeline) -> Elsewhere:
     """Where an object is that was not found where it was; `line` has at least its last stay."""
-    return world.once(f"elsewhere {line.id}", lambda: _weighed(world, line))
+    last = line.stays[-1]
+    return _weighed(world, line.id, last.place, last.until, min(last.left_by or world.now, world.now))
 
 
-def _weighed(world: Recall, line: Timeline) -> Elsewhere:
-    stay = line.stays[-1]
-    left_by = min(stay.left_by or world.now, world.now)
-    course = course_of(world, line.id, world.now - WEEKS)
-    votes, out = _votes(course, stay.place, left_by)
-    names = [place.name for place in world.places if place.kind != "room"] or [
-        place.name for place in world.places
-    ]
-    for name in [name for name in names if name != stay.place]:
-        votes[name] = votes.get(name, 0.0) + PRIOR_PLACES / len(names)
+@remembered
+def _weighed(world: Recall, name: str, was: str, until: float, left_by: float) -> Elsewhere:
+    votes, out = _votes(course_of(world, name, world.now - WEEKS), was, left_by)
+    furniture = [place.name for place in world.places if place.kind != "room"]
+    names = furniture or [place.name for place in world.places]
+    for other in names:
+        if other != was:
+            votes[other] = votes.get(other, 0.0) + PRIOR_PLACES / len(names)
     out += PRIOR_OUT
     round_of_looks, looked = _looks(world)
     # Its having been overlooked where it was is in the votes: until the next look there.
     overlooked = math.exp(-2.0 * (world.now - left_by) / round_of_looks)
-    chances = {
-        place: weight
-        * (
-            overlooked
-            if place == stay.place
-            else _unnoticed(looked.get(place), stay.until, left_by, world.now, round_of_looks)
-        )
-        for place, weight in votes.items()
-    }
+    chances = {}
+    for place, weight in votes.items():
+        unnoticed = _unnoticed(looked.get(place), until, left_by, world.now, round_of_looks)
+        chances[place] = weight * (overlooked if place == was else unnoticed)
     total = sum(chances.values()) + out
     return Elsewhere({place: p / total for place, p in chances.items() if p > 1e-3 * total}, out / total)
 
@@ -141,15 +131,9 @@ def _votes(course: PlaceCourse | None, place: str, stamp: float) -> tuple[dict[s
 
 def _same_hour(then: float, stamp: float) -> float:
     """Weight of a moment by its time of day, local time."""
-    first, second = (_hour(each) for each in (then, stamp))
+    first, second = (at.hour + at.minute / 60 for at in map(datetime.fromtimestamp, (then, stamp)))
     apart = abs(first - second)
-    apart = min(apart, 24 - apart)
-    return ANY_HOUR + math.exp(-0.5 * (apart / HOURS) ** 2)
-
-
-def _hour(stamp: float) -> float:
-    at = datetime.fromtimestamp(stamp)
-    return at.hour + at.minute / 60
+    return ANY_HOUR + math.exp(-0.5 * (min(apart, 24 - apart) / HOURS) ** 2)
 
 
 def _looks(world: Recall) -> tuple[float, dict[str, float]]:

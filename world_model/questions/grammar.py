@@ -87,7 +87,7 @@ class ParsedQuestion:
 
     @property
     def past(self) -> bool:
-        return self.span is not None and self.span.start < self.world.now - 1.0
+        return self.span is not None and not self.world.is_now(self.span.start)
 
     @property
     def then(self) -> Span | None:
@@ -104,13 +104,13 @@ class ParsedQuestion:
             return None
         if self.word == "until":
             return Span(-float("inf"), span.start, span.words)
-        return Span(span.start, self.world.now, span.words) if span.end - span.start < 1.0 else span
+        return span if span.lasts else Span(span.start, self.world.now, span.words)
 
     @property
     def around(self) -> Span | None:
         """As `since`, but a moment without that word is the minutes around it: "who was here at nine"."""
         span = self.then
-        if span is None or self.word == "since" or span.end - span.start >= 1.0 or self.word == "until":
+        if span is None or span.lasts or self.word in ("since", "until"):
             return self.since
         return Span(span.start - company.NOW, min(span.start + company.NOW, self.world.now), span.words)
 
@@ -160,15 +160,17 @@ def _who(q: ParsedQuestion) -> Answer:
 
 
 def _next(q: ParsedQuestion) -> Answer:
-    return usual.what_is_needed_next(q.always, extract(f"in the last {q.ahead}", 0.0)[1] if q.ahead else None)
+    span = extract(f"in the last {q.ahead}", 0.0)[1] if q.ahead else None
+    return usual.what_is_needed_next(q.always, max(span.end - span.start, 600.0) if span else usual.AHEAD)
 
 
 def _is_at(q: ParsedQuestion) -> Answer:
     each = re.sub(r"^(?:all|both)\b(?: of)? ", "", q.what)
     if each != q.what:
         many, known = where.how_many(q.world, each, q.place, q.then), len(things_named(q.world, each).ids)
-        said = f"{'Yes' if many.value == known else 'No'}, {many.value} of {known}. {many.sentence}"
-        return replace(many, kind="is_at", value=many.value == known, sentence=said)
+        all_there = many.value == known
+        said = f"{'Yes' if all_there else 'No'}, {many.value} of {known}. {many.sentence}"
+        return replace(many, kind="is_at", value=all_there, sentence=said)
     if q.verb == "was" and q.span is None:
         last = past.when_last_at(q.world, q.what, q.place)
         return replace(last, kind="is_at", value=last.value is not None)
@@ -343,7 +345,7 @@ def ask(
     """
     if isinstance(source, (str, Path)):
         with Store(source, read_only=True) as store:
-            return answered(recall(store, places, symbols), lambda world: _call(world, question))
+            return ask(store, question, places, symbols)
     return answered(recall(source, places, symbols), lambda world: _call(world, question))
 
 
@@ -355,10 +357,8 @@ def answered(world: Recall, call: Callable[[Recall], Answer]) -> Answer:
         return Answer(str(error), "choices", 1.0, iso(world.now), None, (), (), error.choices)
     except NothingKnownError as error:
         return Answer(str(error), "unknown", Trust.NOT_SEEN, iso(world.now))
-    except NotUnderstoodError as error:
-        return Answer(str(error), "not_understood", choices=CAN_BE_ASKED)
     except InputError as error:
-        return Answer(f"{clean(str(error), 400)}", "not_understood", choices=CAN_BE_ASKED)
+        return Answer(clean(str(error), 400), "not_understood", choices=CAN_BE_ASKED)
 
 
 def _call(world: Recall, question: str) -> Answer:

@@ -109,6 +109,11 @@ class Span:
         return 0.5 * (self.start + self.end)
 
     @property
+    def lasts(self) -> bool:
+        """Whether it is more than a moment."""
+        return self.end - self.start >= 1.0
+
+    @property
     def between(self) -> str:
         """ "between 2026-11-21 09:12 and 2026-11-21 10:00"."""
         return f"between {clock(self.start)} and {clock(self.end)}"
@@ -149,7 +154,7 @@ def extract(text: str, now: float) -> tuple[str, Span | None, str]:
         day = re.search(_DAY, phrase) and re.search(f"{_PART}|{_CLOCK}", phrase)
         midnight = (_midnight(datetime.fromtimestamp(span.start)) + timedelta(days=1)).timestamp()
         span, word = Span(min(span.end, now), min(midnight, now) if day else now, span.words), "since"
-    elif word in ("since", "after", "from"):
+    elif word in ("since", "from"):
         span, word = Span(span.start, now, span.words), "since"
     elif word in ("before", "until", "till", "by"):
         span, word = Span(span.start, span.start, span.words), "until"

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
-from world_model.questions.recall import Recall, singulars
+from world_model.questions.recall import Recall, remembered, singulars
 from world_model.questions.wording import is_called, respelled
 from world_model.state import PERSON, WorldObject
 from world_model.symbols import parse_symbol
@@ -75,19 +75,16 @@ def described(world: Recall, object_id: str) -> str:
     called = name_of_person(item)
     if called:
         return f"{clean(called)} ({clean(object_id)})"
-    symbol = parse_symbol(object_id)
-    told = [_likely(item, "color"), _likely(item, "class")]
-    if symbol is None or told[1] == symbol[0]:
-        told.pop()
-    words = " ".join(clean(word).replace("_", " ") for word in told if word)
+    symbol, color, kind = parse_symbol(object_id), _likely(item, "color"), _likely(item, "class")
+    told = [color] if symbol is None or kind == symbol[0] else [color, kind]
+    words = " ".join(name_of(word) for word in told if word)
     return f"{clean(object_id)} ({words})" if words else clean(object_id)
 
 
 def _likely(item: WorldObject | None, attribute: str) -> str:
     """The value of an attribute that is likelier than all others together, "" where none is."""
-    values = item.attributes.get(attribute, {}) if item is not None else {}
-    best = max(values, key=values.__getitem__, default="")
-    return str(best) if best and values[best] >= 0.5 else ""
+    best = item.most_probable(attribute) if item is not None else ""
+    return best if item is not None and best and item.attributes[attribute][best] >= 0.5 else ""
 
 
 def name_of_person(item: WorldObject | None) -> str:
@@ -97,12 +94,9 @@ def name_of_person(item: WorldObject | None) -> str:
     return next((name for attribute in NAMES if (name := _likely(item, attribute))), "")
 
 
+@remembered
 def people(world: Recall) -> dict[str, list[str]]:
     """Ids by the names of people, the newest first; of those with names whom the newest `MOST_PEOPLE` ids are."""
-    return world.once("people", lambda: _people(world))
-
-
-def _people(world: Recall) -> dict[str, list[str]]:
     ids = [name for name in world.epochs if world.kind(name) == PERSON]
     numbered = sorted(ids, key=lambda name: -(parse_symbol(name) or ("", 0))[1])
     found: dict[str, list[str]] = {}
@@ -115,8 +109,7 @@ def _people(world: Recall) -> dict[str, list[str]]:
 
 def people_named(world: Recall, words: str) -> list[str]:
     """Ids of the person with a name, the newest first; [] where nobody is called so."""
-    wanted = plain(words)
-    return next((ids for name, ids in people(world).items() if is_called(wanted, name)), [])
+    return next((ids for name, ids in people(world).items() if is_called(plain(words), name)), [])
 
 
 def in_known_words(world: Recall, words: str) -> str:
@@ -139,9 +132,10 @@ def phrases(world: Recall) -> list[str]:
     return [*_phrases(world), *(name.lower() for name in people(world))]
 
 
+@remembered
 def name_words(world: Recall) -> set[str]:
     """Words of which names are made, but for those of people, which take long to read."""
-    return world.once("name words", lambda: {word for phrase in _phrases(world) for word in phrase.split()})
+    return {word for phrase in _phrases(world) for word in phrase.split()}
 
 
 def _phrases(world: Recall) -> list[str]:
@@ -203,24 +197,23 @@ def things_named(world: Recall, words: str, past: bool = False) -> Meant:
         try:
             place = place_named(world, within["place"])
         except NothingKnownError:
-            if not _matching(world, wanted, past)[0]:
+            if not _matching(world, sort_of(world, wanted), past):
                 raise
         else:
             wanted = plain(wanted[: within.start()])
-    ids, plural = _matching(world, wanted, past)
-    ids = ids or people_named(world, wanted)[:1]
+    sort = sort_of(world, wanted)
+    ids = _matching(world, sort, past) or people_named(world, wanted)[:1]
     if not ids and " and " in wanted:
         several = [things_named(world, part, past).ids for part in re.split(r",? and |, ", wanted) if part]
         return Meant(tuple(dict.fromkeys(name for found in several for name in found)), words, plural=True)
     if place:
         ids = [name for name in ids if _is_at(world, name, place) == there]
-    if not ids:
-        other = in_known_words(world, words)
-        if other:
-            return things_named(world, other, past)
-        raise NothingKnownError(_nothing(world, words, place))
-    sort = sort_of(world, wanted)
-    return Meant(tuple(ids), words, plural, kind=sort.kind if sort else None)
+    if ids:
+        return Meant(tuple(ids), words, sort is not None and sort.plural, kind=sort.kind if sort else None)
+    other = in_known_words(world, words)
+    if other:
+        return things_named(world, other, past)
+    raise NothingKnownError(_nothing(world, words, place))
 
 
 def one_named(world: Recall, words: str, past: bool = True) -> str:
@@ -230,9 +223,9 @@ def one_named(world: Recall, words: str, past: bool = True) -> str:
     """
     meant = things_named(world, words, past)
     ids = list(meant.ids)
-    if len(ids) > 1:
-        here = [name for name in ids if name in world.present]
-        ids = here if len(here) == 1 else ids
+    here = [name for name in ids if name in world.present]
+    if len(here) == 1:
+        ids = here
     if len(ids) == 1:
         return ids[0]
     shown = [f"{described(world, name)} {where_words(world, name)}" for name in ids]
@@ -262,10 +255,13 @@ def _exact(world: Recall, words: str) -> str:
     bare = words.strip(" ?!.,")
     if len(bare) > 1 and bare[0] == bare[-1] and bare[0] in "'\"`":
         bare = bare[1:-1]
-    by_plain = world.once("plain", lambda: {_joined(name): name for name in world.epochs})
-    return by_plain.get(_joined(bare), "") or by_plain.get(
-        _joined(re.sub("^(?:the|my) ", "", bare.lower())), ""
-    )
+    known, said = _ids(world), re.sub("^(?:the|my) ", "", bare.lower())
+    return known.get(_joined(bare), "") or known.get(_joined(said), "")
+
+
+@remembered
+def _ids(world: Recall) -> dict[str, str]:
+    return {_joined(name): name for name in world.epochs}
 
 
 def _joined(name: str) -> str:
@@ -300,22 +296,18 @@ def sort_of(world: Recall, words: str) -> Sort | None:
     return None
 
 
-def _matching(world: Recall, wanted: str, past: bool) -> tuple[list[str], bool]:
-    """Objects of a class, with predicates before it."""
-    sort = sort_of(world, wanted)
+def _matching(world: Recall, sort: Sort | None, past: bool) -> list[str]:
+    """Objects of a sort, [] where there is none."""
     if sort is None:
-        return [], False
+        return []
     if sort.kind is None and not sort.predicates:
-        return world.things(), True
-    return _of(world, sort.kind, list(sort.predicates), past), sort.plural
+        return world.things()
+    return _of(world, sort.kind, list(sort.predicates), past)
 
 
+@remembered
 def classes(world: Recall) -> dict[str, str]:
     """Every class that was ever seen, by its plain words."""
-    return world.once("classes", lambda: _classes(world))
-
-
-def _classes(world: Recall) -> dict[str, str]:
     names = {parsed[0] for name in world.epochs if (parsed := parse_symbol(name)) is not None}
     for item in world.present.values():
         names |= {kind for kind, p in item.attributes.get("class", {}).items() if p > 0.05}
@@ -361,27 +353,20 @@ def _meets(world: Recall, item: WorldObject, predicates: Iterable[str], p: float
 
 
 def _of_before(world: Recall, kind: str | None, predicates: list[str]) -> list[str]:
-    """Those that are no longer there, the last seen first."""
-    found: list[tuple[float, str]] = []
-    for name in _past(world, kind)[:MOST_PAST]:
-        item = world.item(name)
-        if item is None or item.last_seen - item.first_seen < 1.0:
-            continue
-        if _meets(world, item, predicates) >= LEAST:
-            found.append((-item.last_seen, name))
+    """Those that are no longer there, the last seen first; of many the ones with the highest numbers."""
+    numbered = [
+        (-parsed[1], name)
+        for name, epoch in world.epochs.items()
+        if epoch == world.epoch and name not in world.present and (parsed := parse_symbol(name))
+        if (parsed[0] == kind if kind else parsed[0] != PERSON)
+    ]
+    items = [item for _, name in sorted(numbered)[:MOST_PAST] if (item := world.item(name)) is not None]
+    found = [
+        (-item.last_seen, item.id)
+        for item in items
+        if item.last_seen - item.first_seen >= 1.0 and _meets(world, item, predicates) >= LEAST
+    ]
     return [name for _, name in sorted(found)[:20]]
-
-
-def _past(world: Recall, kind: str | None) -> list[str]:
-    """Ids of a class, or of all that is no person, that are no longer there; the highest numbers first."""
-    found: list[tuple[int, str]] = []
-    for name, epoch in world.epochs.items():
-        if epoch != world.epoch or name in world.present or (kind and not name.startswith(f"{kind}-")):
-            continue
-        parsed = parse_symbol(name)
-        if parsed is not None and (parsed[0] == kind if kind else parsed[0] != PERSON):
-            found.append((-parsed[1], name))
-    return [name for _, name in sorted(found)]
 
 
 def _is_at(world: Recall, object_id: str, place: str) -> bool:
@@ -391,11 +376,9 @@ def _is_at(world: Recall, object_id: str, place: str) -> bool:
 
 def _nothing(world: Recall, words: str, place: str) -> str:
     said = clean(_ARTICLES.sub("", words.strip(" ?!.,")) or words)
-    if place:
-        return f'I know of no "{said}" now.'
     known = sorted(set(classes(world).values()))
+    if place or (known and sort_of(world, said) is not None):
+        return f'I know of no "{said}" now.'
     if not known:
         return f'I know of no "{said}": nothing has been seen yet.'
-    if sort_of(world, said) is not None:
-        return f'I know of no "{said}" now.'
     return f'I know of no "{said}"; what I have seen are of the classes {listed(map(clean, known), 20)}.'

@@ -89,7 +89,7 @@ def _moment(world: Recall, when: str | float | Span | None) -> float:
     if when is None:
         return world.now
     span = within(world, when)
-    if span.end - span.start >= 1.0:
+    if span.lasts:
         raise NotUnderstoodError(f'When? Say a moment of "{clean(span.words)}", as "yesterday at nine".')
     return span.middle
 
@@ -118,8 +118,5 @@ def _spot(world: Recall, name: str, stamp: float) -> _Spot | None:
 
 def _together(world: Recall, first: str, second: str) -> bool:
     """Whether two places are in one room, as far as rooms are known: what a wall parts is not near."""
-    rooms = [
-        {place.name for place in world.places if place.kind == "room" and world.contains(place.name, name)}
-        for name in (first, second)
-    ]
+    rooms = [set(world.rooms_of(name)) for name in (first, second)]
     return not all(rooms) or bool(rooms[0] & rooms[1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import elsewhere
@@ -53,22 +54,19 @@ def since_when(world: Recall, when: When, usual: float = math.inf) -> Span:
 
 def period_of(world: Recall, span: Span) -> str:
     """ "since 2026-11-21 09:12" of a span that ends now, else when it began and ended."""
-    return f"since {clock(span.start)}" if span.end >= world.now - 1.0 else span.between
+    return f"since {clock(span.start)}" if world.is_now(span.end) else span.between
 
 
 def changes_of(line: Timeline, start: float, end: float) -> list[Change]:
     """What happened to an object within a span."""
-    found: list[Change] = []
-    for before, stay in zip([None, *line.stays], [*line.stays, None], strict=True):
-        if stay is None:
-            assert before is not None or not line.stays
-            if before is not None and before.gone and before.left_by is not None:
-                found.append(Change(line.id, before.place, None, before.until, before.left_by))
-        elif before is None:
-            found.append(Change(line.id, None, stay.place, stay.since, stay.since))
-        else:
-            left_by = before.left_by if before.gone else None
-            found.append(Change(line.id, before.place, stay.place, before.until, stay.since, left_by))
+    stays = line.stays
+    found = [Change(line.id, None, each.place, each.since, each.since) for each in stays[:1]]
+    found += [
+        Change(line.id, before.place, stay.place, before.until, stay.since, before.left_by)
+        for before, stay in pairwise(stays)
+    ]
+    if stays and stays[-1].left_by is not None:
+        found.append(Change(line.id, stays[-1].place, None, stays[-1].until, stays[-1].left_by))
     return [change for change in found if start < change.end <= end]
 
 
@@ -96,31 +94,27 @@ def moves_at(world: Recall, place: str, span: Span, way: str = "") -> list[Chang
 
 def how_often(world: Recall, what: str, place: str = "", since: When = None) -> Answer:
     """How often an object was moved, or came to a place. value : number. Raises NothingKnownError, AmbiguousError."""
-    name = one_named(world, what)
-    where = place_named(world, place)
-    span = since_when(world, since)
-    line = _line(world, name, span)
-    certain = 1.0
+    name, where, span = one_named(world, what), place_named(world, place), since_when(world, since)
+    line, until_now, certain = _line(world, name, span), world.is_now(span.end), 1.0
+    gone = line.stays[-1].left_by if line.lost and line.stays else None
     if where:
         count = len(_visits(world, line, where, span))
         said = f"was {spoken(world, where)} {_times(count)}" if count else f"was never {spoken(world, where)}"
     else:
         changes = changes_of(line, span.start, span.end)
         count = sum(None not in (each.before, each.after) and each.before != each.after for each in changes)
-        if line.lost and line.stays and span.end >= world.now - 1.0:
+        if gone and until_now:
             # It has gone from where it was, to where nobody has looked yet, or out of the house.
             out = elsewhere(world, line).out
             count, certain = count + (out < 0.5), max(out, 1.0 - out)
         said = f"was moved {_times(count)}" if count else "was not moved"
-    first = line.stays[0].since if line.stays else world.now
-    begin = max(span.start, first)
-    until = "" if span.end >= world.now - 1.0 else f" until {clock(span.end)}"
-    there = max(line.at(world.now)[0].values(), default=1.0) if span.end >= world.now - 1.0 else 1.0
+    begin = max(span.start, line.stays[0].since if line.stays else world.now)
+    until = "" if until_now else f" until {clock(span.end)}"
+    there = max(line.at(world.now)[0].values(), default=1.0) if until_now else 1.0
     probability = max(Trust.SEEN * 0.995**count * there * certain, 0.3)
-    gone = line.stays[-1].left_by if line.lost and line.stays else None
     missing = f"; it is missing since {clock(gone)}" if gone and begin < gone <= span.end else ""
     sentence = f"{described(world, name)} {said} since {clock(begin)}{until}, {told(probability)}{missing}."
-    evidence = evidence_of(world, line, span.start, span.end)
+    evidence = evidence_of(line, span.start, span.end)
     options = ({"value": count + 1, "probability": (1.0 - probability) / 2},)
     return Answer(sentence, "how_often", probability, iso(begin), count, evidence, options)
 
@@ -132,7 +126,7 @@ def _line(world: Recall, name: str, span: Span) -> Timeline:
 
 def _visits(world: Recall, line: Timeline, where: str, span: Span) -> list[ObjectStay]:
     """Stays at a place, those that follow each other in one room being one."""
-    stays = [stay for stay in line.stays if stay.until >= span.start and stay.since <= span.end]
+    stays = line.within(span.start, span.end)
     return [
         stay
         for before, stay in zip([None, *stays], stays, strict=False)
@@ -160,15 +154,16 @@ def how_long_there(
     line = world.window(name, span.start, span.end)
     by_place = line.spent(span.start, span.end)
     long = world.inside(where, by_place) + 0.0
-    parts = [f"{spoken(world, each)} for {duration(seconds)}" for each, seconds in by_place.items()]
-    said = f"was {listed(parts) or 'not seen'}"
     if where:
         said = f"was {spoken(world, where)} for {duration(long)}"
     elif gone:
         first = line.stays[0].since if line.stays else span.end
         long = max(span.end - max(span.start, first) - long, 0.0)
         said = f"was away for {duration(long)}"
-    evidence = evidence_of(world, line, span.start, span.end)
+    else:
+        parts = [f"{spoken(world, each)} for {duration(seconds)}" for each, seconds in by_place.items()]
+        said = f"was {listed(parts) or 'not seen'}"
+    evidence = evidence_of(line, span.start, span.end)
     sentence = f"{described(world, name)} {said} {span.between}"
     return Answer.stated(sentence, "how_long_there", Trust.NOT_SEEN, span.start, long, evidence)
 
@@ -182,7 +177,7 @@ def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
     last, now = line.stays[-1], world.now
 
     def long(said: str, p: float, stamp: float, seconds: float | None, start: float, end: float) -> Answer:
-        evidence = evidence_of(world, line, start, end)
+        evidence = evidence_of(line, start, end)
         return Answer(f"{described(world, name)} {said}.", "how_long_there", p, iso(stamp), seconds, evidence)
 
     if line.lost:
@@ -233,7 +228,7 @@ def when_moved(
     moves = moves[-8:] if during else moves[-1:]
     parts = "; ".join(told_change(world, each) for each in moves)
     last = moves[-1]
-    evidence = evidence_of(world, line, last.start, last.end)
+    evidence = evidence_of(line, last.start, last.end)
     return Answer.stated(parts, "when_moved", Trust.STORY, last.end, iso(last.end), evidence)
 
 
@@ -289,7 +284,7 @@ def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
     evidence = tuple(
         entry
         for change in found[:8]
-        for entry in evidence_of(world, _ends(world, change.object, span), change.start, change.end)
+        for entry in evidence_of(_ends(world, change.object, span), change.start, change.end)
     )
     return Answer.stated(sentence, "what_changed", probability, span.start, value, evidence)
 
@@ -313,7 +308,7 @@ def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
             before = None if stay is None else stay.place
         elif _was_gone(line, span.start):
             before = None
-        if after is None and line.lost and span.end >= world.now - 1.0:
+        if after is None and line.lost and world.is_now(span.end):
             # It may still be there: one look that did not find it is no proof.
             there = elsewhere(world, line).places.get(line.stays[-1].place, 0.0)
             certain *= max(there, 1.0 - there)
@@ -327,8 +322,8 @@ def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
 def _was_gone(line: Timeline, stamp: float) -> bool:
     """Whether an object was missing at a moment, and back later."""
     return any(
-        stay.gone and stay.left_by is not None and stay.left_by <= stamp < after.since
-        for stay, after in zip(line.stays, line.stays[1:], strict=False)
+        stay.left_by is not None and stay.left_by <= stamp < after.since
+        for stay, after in pairwise(line.stays)
     )
 
 
@@ -365,19 +360,17 @@ def what_is_missing(world: Recall, since: When = None) -> Answer:
         f"{described(world, name)}, seen last {spoken(world, stay.place)} at {clock(stay.until)}"
         for _, name, stay in missing
     ]
-    probability = Trust.SEEN * certain
-    verb = "is" if len(missing) == 1 else "are"
     then = "" if since is None else f" {period_of(world, span)}"
-    sentence = (
-        f"Missing{then} {verb} {listed(parts)}" if missing else f"Nothing that I know of is missing{then}"
-    )
+    sentence = f"Missing{then} {'is' if len(missing) == 1 else 'are'} {listed(parts)}"
+    if not missing:
+        sentence = f"Nothing that I know of is missing{then}"
     evidence = tuple(
         entry
         for _, name, stay in missing[:8]
-        for entry in evidence_of(world, world.latest(name), stay.since, world.now)
+        for entry in evidence_of(world.latest(name), stay.since, world.now)
     )
     value = [name for _, name, _ in missing]
-    return Answer.stated(sentence, "what_is_missing", probability, world.now, value, evidence)
+    return Answer.stated(sentence, "what_is_missing", Trust.SEEN * certain, world.now, value, evidence)
 
 
 def history(world: Recall, what: str, since: When = None) -> Answer:
@@ -388,7 +381,7 @@ def history(world: Recall, what: str, since: When = None) -> Answer:
     name = one_named(world, what)
     span = since_when(world, since)
     line = _line(world, name, span)
-    stays = [stay for stay in line.stays if stay.until >= span.start and stay.since <= span.end]
+    stays = line.within(span.start, span.end)
     if not stays:
         raise NothingKnownError(f"{clean(name)} was not seen in that time.")
     parts = [f"{spoken(world, stay.place)} from {clock(stay.since)}" for stay in stays[-10:]]
@@ -398,9 +391,7 @@ def history(world: Recall, what: str, since: When = None) -> Answer:
     sentence = f"{described(world, name)} was {before}{', then '.join(parts)}{end}."
     value = [[stay.place, iso(stay.since), iso(stay.until)] for stay in stays]
     first = iso(stays[0].since)
-    return Answer(
-        sentence, "history", Trust.STORY, first, value, evidence_of(world, line, span.start, span.end)
-    )
+    return Answer(sentence, "history", Trust.STORY, first, value, evidence_of(line, span.start, span.end))
 
 
 def when_last_at(world: Recall, what: str, place: str) -> Answer:
@@ -419,7 +410,7 @@ def when_last_at(world: Recall, what: str, place: str) -> Answer:
     until = f"is {spoken(world, where)} since" if is_there else f"was {spoken(world, where)} last until"
     stamp = last.since if is_there else last.until
     seen = iso(world.now if is_there else stamp)
-    evidence = evidence_of(world, line, last.since, last.until)
+    evidence = evidence_of(line, last.since, last.until)
     sentence = f"{described(world, name)} {until} {clock(stamp)}"
     return Answer.stated(sentence, "when_last_seen", FOUND, stamp, seen, evidence)
 
@@ -458,13 +449,12 @@ def what_left(world: Recall, place: str, since: When = None) -> Answer:
         if last is not None and not here:
             value[name] = None if line.lost or stay is None else stay.place
             parts.append(told_change(world, last))
-    period = f"since {clock(span.start)}"
+    sentence = f"No longer {spoken(world, where)}, since {clock(span.start)}: {listed(parts)}"
+    if not parts:
+        sentence = (
+            f"Nothing that I know of has left the place {spoken(world, where)} since {clock(span.start)}"
+        )
     probability = Trust.SEEN * Trust.EACH ** len(parts)
-    sentence = (
-        f"No longer {spoken(world, where)}, {period}: {listed(parts)}"
-        if parts
-        else f"Nothing that I know of has left the place {spoken(world, where)} {period}"
-    )
     return Answer.stated(sentence, "what_left", probability, span.start, value)
 
 

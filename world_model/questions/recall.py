@@ -6,11 +6,11 @@ import itertools
 import json
 import math
 import re
-from collections import OrderedDict
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from functools import cached_property, lru_cache, wraps
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from world_model.symbols import Symbols, default_symbols, parse_symbol
 if TYPE_CHECKING:
     from world_model.world import WorldModel
 
+P = ParamSpec("P")
 T = TypeVar("T")
 APART = 0.5  # m: so far from where it was something has been moved, where no other place says so
 AWAY = 900.0  # s: what was missing for longer and is back began another stay
@@ -32,7 +33,6 @@ LOOKS_ALIKE = 0.6
 """Overlap of the distributions of all attributes from which on two objects can be taken for each other."""
 PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY  # What is taken to be known of the rate of moves of anything
 BACK_AGAIN = 0.25  # Share of moves between two looks that lead back before the second
-KEPT = 256  # Timelines, of a store that may have known thousands of objects
 NEWEST = 400  # Rows of an object's history that a question about the present reads
 RECENT = 60  # Objects of a class that ended last, among which doubles are looked for
 AROUND = 1.5 * DAY  # s: of the history that says where something was at a moment
@@ -55,8 +55,8 @@ class Trust:
 @dataclass(frozen=True)
 class ObjectStay:
     """An object at one place. place : name, "" where no place is named. came_after, since : between these it came.
-    until, left_by : between these it went, None while it is there. position : (3,) m. p : of the place, where it was.
-    gone : it was then out of the world, or lost, before it was seen anywhere else."""
+    until, left_by : between these it was found to have gone, None where it was not missed before it was seen elsewhere.
+    position : (3,) m. seen : how often it was seen."""
 
     place: str
     came_after: float
@@ -64,8 +64,12 @@ class ObjectStay:
     until: float
     left_by: float | None
     position: FloatArray
-    gone: bool = False
     seen: int = 1
+
+    @property
+    def gone(self) -> bool:
+        """Whether it was out of the world, or lost, before it was seen anywhere else."""
+        return self.left_by is not None
 
 
 class Life(NamedTuple):
@@ -102,15 +106,15 @@ class Timeline:
         Between two looks that found it at different places it may have gone at any moment; what is not told for is
         that nobody knows.
         """
-        index = self._index(stamp)
+        index = bisect_right(self.stays, stamp, key=lambda stay: stay.since) - 1
         if index < 0:
             return {}, None
         stay = self.stays[index]
         if stamp <= stay.until:
             return {stay.place: 1.0 - self._doubt(stay)}, stay
-        after = self.stays[index + 1] if index + 1 < len(self.stays) else None
-        if after is None:
-            return self._later(stay, stamp)
+        if index + 1 == len(self.stays):
+            return self._later(stay, stamp), stay
+        after = self.stays[index + 1]
         left = after.since if stay.left_by is None else min(stay.left_by, after.since)
         gap = max(left - stay.until, 1e-6)
         stays_yet = max(1.0 - (stamp - stay.until) / gap, 0.0)
@@ -125,16 +129,18 @@ class Timeline:
         gap = (stay.until - stay.since) / max(stay.seen - 1, 1)
         return min(BACK_AGAIN * (1.0 - math.exp(-self.rate * gap)), 0.3)
 
-    def _later(self, stay: ObjectStay, stamp: float) -> tuple[dict[str, float], ObjectStay]:
-        if stay.left_by is not None and stamp >= stay.left_by:
-            return {}, stay
-        if stay.left_by is not None:
-            share = 1.0 - (stamp - stay.until) / max(stay.left_by - stay.until, 1e-6)
-            return {stay.place: max(share, 0.0)}, stay
-        return {stay.place: math.exp(-self.rate * (stamp - stay.until))}, stay
+    def _later(self, last: ObjectStay, stamp: float) -> dict[str, float]:
+        """Probability by place after its last stay."""
+        if last.left_by is None:
+            return {last.place: math.exp(-self.rate * (stamp - last.until))}
+        if stamp >= last.left_by:
+            return {}
+        share = 1.0 - (stamp - last.until) / max(last.left_by - last.until, 1e-6)
+        return {last.place: max(share, 0.0)}
 
-    def _index(self, stamp: float) -> int:
-        return int(np.searchsorted([stay.since for stay in self.stays], stamp, side="right")) - 1
+    def within(self, start: float, end: float) -> list[ObjectStay]:
+        """The stays that overlap a span."""
+        return [stay for stay in self.stays if stay.until >= start and stay.since <= end]
 
     def shares(self, start: float, end: float, absent: bool = False) -> dict[str, float]:
         """Share of the time between two moments that it was at each place.
@@ -160,6 +166,21 @@ class Timeline:
         return spent
 
 
+def remembered(made: Callable[P, T]) -> Callable[P, T]:
+    """A function of a `Recall`, and of what can be a key, that is asked once as long as nothing new is known."""
+
+    @wraps(made)
+    def once(*given: P.args, **named: P.kwargs) -> T:
+        world, *rest = given
+        assert isinstance(world, Recall)
+        key = (made.__qualname__, *rest, *named.items())
+        if key not in world.kept:
+            world.kept[key] = made(*given, **named)
+        return world.kept[key]
+
+    return once
+
+
 @dataclass
 class Recall:
     """The world as a store or a model remembers it, for questions.
@@ -174,16 +195,8 @@ class Recall:
     symbols: Symbols
     store: Store | None = None
     sequence: int = -1
-    kept: dict[str, Any] = field(default_factory=dict, repr=False)
-    doubles: set[str] = field(default_factory=set, repr=False)
-    _timelines: OrderedDict[tuple[str, int], Timeline] = field(default_factory=OrderedDict, repr=False)
-
-    def once(self, key: str, make: Callable[[], T]) -> T:
-        """What `make` says, which is asked once."""
-        if key not in self.kept:
-            self.kept[key] = make()
-        found: T = self.kept[key]
-        return found
+    kept: dict[tuple[Any, ...], Any] = field(default_factory=dict, repr=False)
+    whole: dict[str, Timeline] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of_store(cls, store: Store, places: Places | None = None, symbols: Symbols | None = None) -> Recall:
@@ -202,6 +215,10 @@ class Recall:
         places = model.places or (model.store.places() if model.store is not None else Places())
         present = {item.id: item for item in objects}
         return cls(now, model.epoch, present, places, model.words.symbols, model.store)
+
+    def is_now(self, stamp: float) -> bool:
+        """Whether a moment is no earlier than a second before the newest that is known."""
+        return stamp >= self.now - 1.0
 
     @cached_property
     def epochs(self) -> dict[str, int]:
@@ -252,17 +269,14 @@ class Recall:
             certain *= share
         return object_id, certain
 
+    @remembered
     def _links(self, kind: str) -> dict[str, tuple[str, float]]:
-        """For ids of a class that ended the id that goes on, with its probability."""
-        if kind == PERSON or not kind or self.store is None:
-            return {}
-        return self.once(f"links {kind}", lambda: self._linked(self._lives(kind)))
+        """For ids of a class that ended the id that goes on, with its probability.
 
-    def _linked(self, lives: list[Life]) -> dict[str, tuple[str, float]]:
-        """As `_followed`, and what ended where another one like it is from then on was that one, with an id of its own
-        for a while."""
-        links = _followed(lives)
-        doubles: set[str] = set()
+        What ended where another one like it is from then on was that one, with an id of its own for a while.
+        """
+        lives, links = self._lives(kind), dict(self._successors(kind))
+        doubles: dict[str, tuple[str, float]] = {}
         for life in [each for each in lives if each.ended and each.id not in links][-RECENT:]:
             stays = self.read(life.id, self.epoch).stays
             for other in lives if stays else ():
@@ -273,48 +287,45 @@ class Recall:
                 there = self.read(other.id, self.epoch, stays[-1].since - AWAY, stays[-1].until + AWAY).stays
                 spot = stays[-1].position[:2]
                 if any(np.linalg.norm(stay.position[:2] - spot) < APART for stay in there):
-                    links[life.id] = (other.id, SAME)
-                    doubles.add(life.id)
+                    doubles[life.id] = (other.id, SAME)
                     break
-        self.doubles |= doubles
-        return links
+        return links | doubles
 
+    @remembered
+    def _successors(self, kind: str) -> dict[str, tuple[str, float]]:
+        return _followed(self._lives(kind))
+
+    @remembered
     def _lives(self, kind: str) -> list[Life]:
-        assert self.store is not None
+        """Of all ids of a class, in order of their beginning; of people, who look alike, none."""
         lives = []
-        for name, first, last, text in self.store.lives(f"{kind}-"):
+        for name, first, last, text in self.store.lives(f"{kind}-") if self.store and kind != PERSON else ():
             item = self.present.get(name)
             ended = item is None or item.lost
             if last - first > 0.0 or not ended:
                 lives.append(Life(name, first, last, ended, _attributes(text)))
         return sorted(lives, key=lambda life: life.first)
 
-    def _before(self, object_id: str) -> list[str]:
-        """Earlier ids of an object, the newest first."""
-        links = self._links(self.kind(object_id))
-        previous = {after: name for name, (after, _) in links.items() if name not in self.doubles}
-        found = []
-        while object_id in previous:
-            object_id = previous[object_id]
-            found.append(object_id)
-        return found
+    def names_of(self, object_id: str) -> list[str]:
+        """The newest id of an object, then its earlier ones."""
+        names = [self.individual(object_id)[0]]
+        previous = {after: name for name, (after, _) in self._successors(self.kind(names[0])).items()}
+        while names[-1] in previous:
+            names.append(previous[names[-1]])
+        return names
 
-    def timeline(self, object_id: str, epoch: int | None = None) -> Timeline:
-        """The stays of an object, {} where it is unknown."""
-        run = self.epochs.get(object_id, self.epoch) if epoch is None else epoch
-        name = self.individual(object_id)[0] if run == self.epoch else object_id
-        key = (name, run)
-        if key not in self._timelines:
-            self._timelines[key] = self._whole(name, run)
-            if len(self._timelines) > KEPT:
-                self._timelines.popitem(last=False)
-        return self._timelines[key]
-
-    def _whole(self, name: str, run: int) -> Timeline:
-        line = self.read(name, run)
-        for before in self._before(name) if run == self.epoch else ():
-            line = _joined(self.read(before, run), line)
-        return line
+    def timeline(self, object_id: str) -> Timeline:
+        """All stays of an object, in the newest run that knew it; with those of its earlier ids in this run."""
+        run = self.epochs.get(object_id, self.epoch)
+        if run != self.epoch:
+            return self.read(object_id, run)
+        name, *earlier = self.names_of(object_id)
+        if name not in self.whole:
+            line = self.read(name, run)
+            for before in earlier:
+                line = _joined(self.read(before, run), line)
+            self.whole[name] = line
+        return self.whole[name]
 
     def has_changed(self, object_id: str) -> bool:
         """Whether an object looks otherwise than when it was first seen: others may have changed places with it."""
@@ -339,47 +350,46 @@ class Recall:
         most : rows of history to read.
         """
         name = self.individual(object_id)[0]
-        if (name, self.epoch) in self._timelines:
-            return self.timeline(name)
-        line = self.once(f"latest {name} {most}", lambda: self.read(name, self.epoch, most=most))
+        return self.whole.get(name) or self._latest(name, most)
+
+    @remembered
+    def _latest(self, name: str, most: int) -> Timeline:
+        line = self.read(name, self.epoch, most=most)
         return line if line.cut and line.stays else self.timeline(name)
 
     def window(self, object_id: str, start: float, end: float = math.inf) -> Timeline:
         """The part of an object's timeline around a span of time, from where it was seen last before that on, with that
         of its earlier ids."""
-        name = self.individual(object_id)[0]
-        if (name, self.epoch) in self._timelines or start - AROUND < 0.0 or not math.isfinite(start):
+        name, begin = self.individual(object_id)[0], start - AROUND
+        if (
+            name in self.whole
+            or self.epochs.get(name, self.epoch) != self.epoch
+            or not 0.0 <= begin < math.inf
+        ):
             return self.timeline(name)
-        until = math.inf if end + AROUND >= self.now else end + AROUND
-        return self.once(f"window {name} {start} {until}", lambda: self._around(name, start, until))
+        return self._around(name, start, math.inf if end + AROUND >= self.now else end + AROUND)
 
+    @remembered
     def _around(self, name: str, start: float, until: float) -> Timeline:
         known = self.read(name, self.epoch, start - AROUND, until)
         if not (known.stays and known.stays[0].since <= start) and self.store is not None:
             # It was not looked at for long before: from when it was seen last.
             earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
             known = self.read(name, self.epoch, earlier[0][0], until) if earlier else known
-        for before in self._before(name):
+        for before in self.names_of(name)[1:]:
             if known.stays and known.stays[0].since <= start:
                 break
             known = _joined(self.read(before, self.epoch, start - AROUND, until), known)
         return known
 
+    @remembered
     def active(self, start: float, end: float) -> list[str]:
         """Objects of this run of which anything is known between two moments."""
-        store = self.store
-        if store is None:
-            return list(self.present)
-        return list(self.once(f"active {start} {end}", lambda: store.active(start, end)))
+        return list(self.present) if self.store is None else self.store.active(start, end)
 
     def departed(self, ago: float) -> list[str]:
         """Objects that went from where they were no longer than `ago` s before now."""
         return [] if self.store is None else self.store.departed(self.now - ago)
-
-    def names_of(self, object_id: str) -> list[str]:
-        """The newest id of an object, then its earlier ones."""
-        name = self.individual(object_id)[0]
-        return [name, *self._before(name)]
 
     def read(
         self, object_id: str, run: int, start: float = -math.inf, end: float = math.inf, most: int = -1
@@ -406,9 +416,10 @@ class Recall:
         stays = _stays(stamps, here, seen, positions, words)
         return Timeline(object_id, stays, not here[-1] if here else True, cut)
 
-    def words(self, positions: FloatArray) -> list[str]:
-        """Name of the place around each position (N, 3): the smallest piece of furniture, or room."""
-        return self.once("places", lambda: PlaceWords(self.places))(positions)
+    @cached_property
+    def words(self) -> PlaceWords:
+        """Says the name of the place around each position (N, 3): the smallest piece of furniture, or room."""
+        return PlaceWords(self.places)
 
     def place_probability(self, item: WorldObject, place: str) -> float:
         """That an object which exists, and is where it was measured, is at a place."""
@@ -426,6 +437,10 @@ class Recall:
         if around.kind != "room" or within.kind == "room":
             return False
         return bool(around.contains(within.center))
+
+    def rooms_of(self, place: str) -> list[str]:
+        """Names of the rooms that a place is, or lies in."""
+        return [each.name for each in self.places if each.kind == "room" and self.contains(each.name, place)]
 
     def inside(self, outer: str, by_place: Mapping[str, float]) -> float:
         """Sum of what is told of places that are, or lie in, another."""
@@ -474,7 +489,7 @@ def _joined(before: Timeline, line: Timeline) -> Timeline:
     if last.place == first.place and last.place and first.since - last.until < AWAY:
         first = replace(first, came_after=last.came_after, since=last.since, seen=last.seen + first.seen)
         return replace(line, stays=(*before.stays[:-1], first, *line.stays[1:]))
-    last = replace(last, gone=True, left_by=min(last.left_by or first.since, first.since))
+    last = replace(last, left_by=min(last.left_by or first.since, first.since))
     first = replace(first, came_after=last.until)
     return replace(line, stays=(*before.stays[:-1], last, first, *line.stays[1:]))
 
@@ -501,19 +516,19 @@ def _stays(
         stamp, position, word = stamps[begin], positions[begin], words[begin]
         current = stays[-1] if stays else None
         if not here[begin]:
-            if current is not None and current.left_by is None:
+            if current is not None and not current.gone:
                 # A measurement up to here still found it there.
                 until = min(max(current.until, seen[begin]), stamp)
-                stays[-1] = replace(current, until=until, left_by=stamp, gone=True)
+                stays[-1] = replace(current, until=until, left_by=stamp)
             continue
         until = min(seen[end - 1], stamps[end - 1])
         if current is not None and _goes_on(current, word, position, stamp):
             until, seen_now = max(current.until, until), current.seen + end - begin
-            stays[-1] = replace(current, until=until, left_by=None, gone=False, seen=seen_now)
+            stays[-1] = replace(current, until=until, left_by=None, seen=seen_now)
             continue
         after = current.until if current is not None else -math.inf
         since = min(seen[begin], stamp) if seen[begin] > after else stamp
-        stays.append(ObjectStay(word, after, since, max(since, until), None, position, seen=end - begin))
+        stays.append(ObjectStay(word, after, since, max(since, until), None, position, end - begin))
     return tuple(stays)
 
 
@@ -548,14 +563,11 @@ def recall(source: object, places: Places | None = None, symbols: Symbols | None
     if isinstance(source, Recall):
         return source
     if isinstance(source, Store):
-        kept = source.recalled
-        if isinstance(kept, Recall) and kept.sequence == source.newest()[2] and not places and not symbols:
-            return kept
-        made = Recall.of_store(source, places, symbols)
-        if isinstance(kept, Recall) and kept.places is made.places and "places" in kept.kept:
-            made.kept["places"] = kept.kept["places"]
-        source.recalled = None if places or symbols else made
-        return made
+        if places or symbols:
+            return Recall.of_store(source, places, symbols)
+        if not isinstance(source.recalled, Recall) or source.recalled.sequence != source.newest()[2]:
+            source.recalled = Recall.of_store(source)
+        return source.recalled
     if hasattr(source, "propagate") and hasattr(source, "words"):
         return Recall.of_model(source)  # type: ignore[arg-type]
     raise InputError(f"a Store, its path or a WorldModel is asked, not {type(source).__name__}")

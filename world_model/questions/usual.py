@@ -10,11 +10,11 @@ from world_model.memory.courses import routines_of
 from world_model.memory.routines import Routines
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import WEEKS, presence_of
-from world_model.questions.moments import Span, moment
+from world_model.questions.moments import Span
 from world_model.questions.naming import described, one_named, place_named, spoken, where_words
-from world_model.questions.recall import Recall, Trust, ranked
+from world_model.questions.recall import Recall, Trust, ranked, remembered
 from world_model.questions.where import is_at, objects_at, places_of, where_usually
-from world_model.state import DAY
+from world_model.state import DAY, most_probable
 
 LEAST_DAYS = 2.0
 USUAL = 0.5
@@ -27,24 +27,23 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     Raises NothingKnownError.
     """
     where = place_named(world, place)
-    shares = {}
     start = world.now - WEEKS
-    for name, course in presence_of(world, start).items():
-        share = world.inside(where, course.shares(start, world.now, absent=True))
-        if share > 0.02:
-            shares[name] = share
+    inside = {
+        name: world.inside(where, course.shares(start, world.now, absent=True))
+        for name, course in presence_of(world, start).items()
+    }
+    shares = {name: inside[name] for name in inside if inside[name] > 0.02}
     usual = [name for name in ranked(shares) if shares[name] >= USUAL]
-    others = [name for name in ranked(shares) if shares[name] < USUAL]
     named = [f"{described(world, name)} ({100 * shares[name]:.0f} % of the time)" for name in usual]
+    others = [name for name in ranked(shares) if shares[name] < USUAL]
     now_and_then = [f"{described(world, name)} ({100 * shares[name]:.0f} %)" for name in others[:4]]
     at = spoken(world, where)
     sentence = f"Usually {at}: {listed(named)}" if named else f"Nothing is usually {at}"
     if now_and_then:
         sentence += f"; now and then {listed(now_and_then)}"
     probability = Trust.CHANGED * math.prod(_certain(share) for share in shares.values())
-    return Answer.stated(
-        sentence, "what_is_usually_here", probability, world.now, usual, (), objects_at(where, shares)
-    )
+    options = objects_at(where, shares)
+    return Answer.stated(sentence, "what_is_usually_here", probability, world.now, usual, (), options)
 
 
 def _certain(share: float) -> float:
@@ -52,31 +51,23 @@ def _certain(share: float) -> float:
     return 1.0 - 0.5 * math.exp(-40.0 * abs(share - USUAL))
 
 
-def what_is_needed_next(world: Recall, when: str | float | Span | None = None) -> Answer:
-    """Which objects are expected to be moved soon, and where to. value : {id: place}. Raises NothingKnownError.
+def what_is_needed_next(world: Recall, ahead: float = AHEAD) -> Answer:
+    """Which objects are expected to be moved within that many seconds, and where to. value : {id: place}.
 
-    when : within that many seconds or until the end of that span; two hours where nothing is said.
+    Raises NothingKnownError.
     """
-    ahead = AHEAD
-    if isinstance(when, (int, float)):
-        ahead = float(when)
-    elif when is not None:
-        span = when if isinstance(when, Span) else moment(when, world.now)
-        ahead = max(span.end - span.start, 600.0)
-    routines = learned(world)
-    told_moves = routines.moves(world.now, ahead)
-    order = sorted(told_moves, key=lambda name: -told_moves[name][1])
+    moves = learned(world).moves(world.now, ahead)
+    order = sorted(moves, key=lambda name: -moves[name][1])
     parts = [
-        f"{described(world, name)} {spoken(world, told_moves[name][0])} ({told(told_moves[name][1])})"
-        for name in order
+        f"{described(world, name)} {spoken(world, moves[name][0])} ({told(moves[name][1])})" for name in order
     ]
     until = f"until {clock(world.now + ahead)}, the next {duration(ahead)}"
-    probability = told_moves[order[0]][1] if order else 0.7
-    sentence = (
-        f"Needed next {until}: {listed(parts)}." if order else f"Nothing is expected to be moved {until}."
-    )
-    options = tuple({"object": n, "place": told_moves[n][0], "probability": told_moves[n][1]} for n in order)
-    value = {name: told_moves[name][0] for name in order}
+    sentence = f"Needed next {until}: {listed(parts)}."
+    if not order:
+        sentence = f"Nothing is expected to be moved {until}."
+    probability = moves[order[0]][1] if order else 0.7
+    options = tuple({"object": n, "place": moves[n][0], "probability": moves[n][1]} for n in order)
+    value = {name: moves[name][0] for name in order}
     return Answer(sentence, "what_is_needed_next", probability, iso(world.now), value, (), options)
 
 
@@ -117,8 +108,8 @@ def what_is_out_of_place(world: Recall) -> Answer:
     start = world.now - WEEKS
     found = {}
     for name, course in presence_of(world, start).items():
-        shares = course.shares(start, world.now)
-        usual, there = max(shares, key=shares.__getitem__, default=""), world.latest(name).at(world.now)[0]
+        shares, there = course.shares(start, world.now), world.latest(name).at(world.now)[0]
+        usual = most_probable(shares)
         if usual and shares[usual] >= USUAL and there and world.inside(usual, there) < USUAL:
             found[name] = usual
     parts = [
@@ -130,17 +121,13 @@ def what_is_out_of_place(world: Recall) -> Answer:
         if parts
         else "All that I know of is where it usually is"
     )
-    return Answer.stated(
-        said, "what_is_out_of_place", Trust.CHANGED * Trust.EACH ** len(found), world.now, found
-    )
+    probability = Trust.CHANGED * Trust.EACH ** len(found)
+    return Answer.stated(said, "what_is_out_of_place", probability, world.now, found)
 
 
+@remembered
 def learned(world: Recall) -> Routines:
     """Routines of the last weeks of history. Raises NothingKnownError where there are less than two days."""
-    return world.once("routines", lambda: _learned(world))
-
-
-def _learned(world: Recall) -> Routines:
     start = world.now - WEEKS
     courses = presence_of(world, start)
     known = world.now - min((float(course.stamps[0]) for course in courses.values()), default=world.now)

@@ -6,8 +6,12 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from estimation.checks import FloatArray
 from world_model.describing import SURE
 from world_model.questions.answers import (
     Answer,
@@ -47,14 +51,12 @@ LATELY = 6 * 3600.0  # s: what went from where it was no longer ago may be where
 def where_is(world: Recall, what: str) -> Answer:
     """Where an object is now. value : name of the place. Several that fit are all told of. Raises NothingKnownError."""
     meant = things_named(world, what)
-    if len(meant.ids) == 1:
-        answer = _where(world, meant.ids[0], world.now, "where_is", meant.by_name)
-        return _doubted(world, answer, meant.ids[0], meant.kind)
-    each = [_where(world, name, world.now, "where_is", False) for name in meant.ids]
-    known = [k for k, answer in enumerate(each) if answer.value]
-    if len(known) == 1 and not meant.plural:
+    alone = len(meant.ids) == 1
+    each = [_where(world, name, world.now, "where_is", alone and meant.by_name) for name in meant.ids]
+    known = [k for k, answer in enumerate(each) if alone or answer.value]
+    if len(known) == 1 and (alone or not meant.plural):
         return _doubted(world, each[known[0]], meant.ids[known[0]], meant.kind)
-    return _several(world, list(meant.ids), each, meant.plural)
+    return _several(world, meant.ids, each, meant.plural)
 
 
 def _doubted(world: Recall, answer: Answer, name: str, kind: str | None) -> Answer:
@@ -67,20 +69,22 @@ def _doubted(world: Recall, answer: Answer, name: str, kind: str | None) -> Answ
     return replace(answer, sentence=sentence, probability=answer.probability * p)
 
 
-def _several(world: Recall, ids: list[str], each: list[Answer], plural: bool) -> Answer:
-    parts = [f"{answer.sentence.rstrip('.')}" for answer in each]
+def _several(world: Recall, ids: Sequence[str], each: list[Answer], plural: bool) -> Answer:
+    """The answers about several objects: all are meant where `plural`, else it is asked which."""
+    told_of = "; ".join(answer.sentence.rstrip(".") for answer in each[:8])
     question = "" if plural else f" Which one: {listed(map(clean, ids), 8, 'or')}?"
-    options = tuple(
-        {"object": name, "place": answer.value, "probability": answer.probability}
-        for name, answer in zip(ids, each, strict=True)
-    )
-    probability = math.prod(answer.probability for answer in each) if plural else each[0].probability
-    value = list(ids) if plural else None
-    sentence = f"There are {len(ids)}: {'; '.join(parts[:8])}.{question}"
-    evidence = tuple(entry for answer in each for entry in answer.evidence)
-    kind = "where_is" if plural else "choices"
     return Answer(
-        sentence, kind, probability, iso(world.now), value, evidence, options, () if plural else tuple(ids)
+        f"There are {len(ids)}: {told_of}.{question}",
+        "where_is" if plural else "choices",
+        math.prod(answer.probability for answer in each) if plural else each[0].probability,
+        iso(world.now),
+        list(ids) if plural else None,
+        tuple(entry for answer in each for entry in answer.evidence),
+        tuple(
+            {"object": name, "place": answer.value, "probability": answer.probability}
+            for name, answer in zip(ids, each, strict=True)
+        ),
+        () if plural else tuple(ids),
     )
 
 
@@ -90,27 +94,23 @@ def where_was(world: Recall, what: str, when: str | float | Span | None = None) 
     value : name of the place, the one it was longest at during a span.
     Raises NothingKnownError, InputError for the time.
     """
-    meant = things_named(world, what, past=True)
-    name = meant.ids[0]
     if when is None:
         return when_last_seen(world, what)
-    span = within(world, when)
+    meant, span = things_named(world, what, past=True), within(world, when)
+    name = meant.ids[0]
     if len(meant.ids) > 1:
         known = [each for each in meant.ids if line_at(world, each, span.end).at(span.end)[1] is not None]
         if len(known) > 1:
             each = [_where(world, one, span.middle, "where_was", False) for one in known]
             return _several(world, known, each, meant.plural)
         name = known[0] if known else name
-    if span.end - span.start < 1.0:
-        return _where(world, name, span.middle, "where_was", meant.by_name)
-    return _during(world, name, span)
+    if span.lasts:
+        return _during(world, name, span)
+    return _where(world, name, span.middle, "where_was", meant.by_name)
 
 
 def line_at(world: Recall, name: str, stamp: float) -> Timeline:
     """As much of a timeline as a moment needs."""
-    run = world.epochs.get(name, world.epoch)
-    if run != world.epoch:
-        return world.timeline(name, run)
     return world.latest(name) if stamp >= world.now else world.window(name, stamp, stamp)
 
 
@@ -136,7 +136,7 @@ def _during(world: Recall, name: str, span: Span) -> Answer:
     others = [f"{spoken(world, place)} ({100 * shares[place]:.0f} % of the time)" for place in order[1:]]
     sentence = f"{described(world, name)} was {spoken(world, best)} {span.between}"
     sentence += f" most of the time; also {listed(others)}" if others else ""
-    evidence = evidence_of(world, line, span.start, span.end)
+    evidence = evidence_of(line, span.start, span.end)
     options = places_of(name, shares, order[1:])
     return Answer.stated(sentence, "where_was", probability, span.start, best, evidence, options)
 
@@ -176,7 +176,7 @@ def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> 
     options += [
         {"object": twin, "place": place, "probability": (1.0 - certain) / len(twins)} for twin in twins
     ]
-    evidence = evidence_of(world, line, stay.since, stay.until)
+    evidence = evidence_of(line, stay.since, stay.until)
     return Answer(sentence, kind, certain, iso(stamp), place or _position(stay), evidence, tuple(options))
 
 
@@ -185,13 +185,12 @@ def _exchanged(world: Recall, name: str, stamp: float, kind: str) -> Answer:
     other = world.took_over(name)
     own = _where(world, name, stamp, kind, False)
     if not other:
-        sentence = (
-            f"{own.sentence.rstrip('.')}; it looked otherwise before, so another one may be in its place."
-        )
-        return replace(own, sentence=sentence, probability=0.5 * own.probability)
+        doubt = "; it looked otherwise before, so another one may be in its place."
+        return replace(own, sentence=own.sentence.rstrip(".") + doubt, probability=0.5 * own.probability)
     there = _where(world, other, stamp, kind, False)
-    changed = f"What was called {clean(name)} has probably changed places with {clean(other)}"
-    sentence = f"{changed}: {there.sentence.rstrip('.')}."
+    sentence = (
+        f"What was called {clean(name)} has probably changed places with {clean(other)}: {there.sentence}"
+    )
     options = ({"object": name, "place": own.value, "probability": 0.2}, *there.alternatives)
     return replace(there, sentence=sentence, probability=0.8 * there.probability, alternatives=options)
 
@@ -207,25 +206,13 @@ def _identity(world: Recall, line: Timeline, twins: list[str]) -> float:
     if any(each.cut for each in lines):
         return SWAPPED  # in all the time that was not read they may have been
     mine, *others = map(_gaps, lines)
-    return SWAPPED if any(_overlap(mine, gaps) for gaps in others) else TWIN
+    both = any(((mine[:, :1] < gaps[:, 1]) & (gaps[:, 0] < mine[:, 1:])).any() for gaps in others)
+    return SWAPPED if both else TWIN
 
 
-def _overlap(mine: list[tuple[float, float]], others: list[tuple[float, float]]) -> bool:
-    """Whether a span of one list overlaps one of another, both in order of time."""
-    first = second = 0
-    while first < len(mine) and second < len(others):
-        if mine[first][0] < others[second][1] and others[second][0] < mine[first][1]:
-            return True
-        if mine[first][1] <= others[second][1]:
-            first += 1
-        else:
-            second += 1
-    return False
-
-
-def _gaps(line: Timeline) -> list[tuple[float, float]]:
-    """When it moved and nobody saw how."""
-    return [(stay.until, after.since) for stay, after in zip(line.stays, line.stays[1:], strict=False)]
+def _gaps(line: Timeline) -> FloatArray:
+    """When (N, 2), s, it moved and nobody saw how."""
+    return np.array([(stay.until, after.since) for stay, after in pairwise(line.stays)]).reshape(-1, 2)
 
 
 def _unknown(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: float) -> Answer:
@@ -235,9 +222,7 @@ def _unknown(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
         f"Nobody knows where {described(world, name)} was at {clock(stamp)}: it was seen last before that "
         f"{spoken(world, known.place)}, at {clock(known.until)}."
     )
-    return Answer(
-        sentence, "where_was", 0.7, iso(stamp), None, evidence_of(world, line, known.since, known.until)
-    )
+    return Answer(sentence, "where_was", 0.7, iso(stamp), None, evidence_of(line, known.since, known.until))
 
 
 def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: float) -> Answer:
@@ -245,18 +230,21 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
     if world.kind(name) == PERSON:
         seen = f"was seen last {spoken(world, stay.place)} at {clock(stay.until)}"
         sentence = f"{described(world, name)} {seen}, {duration(stamp - stay.until)} ago."
-        evidence = evidence_of(world, line, stay.since, stamp)
+        evidence = evidence_of(line, stay.since, stamp)
         return Answer(sentence, "where_is", Trust.NOT_SEEN, iso(stay.until), None, evidence)
     back = [other for other in world.alike(name) if _began(world, other) >= stay.until]
     may = elsewhere(world, line)
     last = f"it was seen last {spoken(world, stay.place)} at {clock(stay.until)}, and is no longer there"
     order = [place for place in ranked(may.places) if may.places[place] > 0.02]
     options = list(places_of(name, may.places, order))
-    evidence = evidence_of(world, line, stay.since, stamp)
+    evidence = evidence_of(line, stay.since, stamp)
     if may.best and not back:
-        probability = min(may.places[may.best], HIDDEN)
-        sentence = _probably_at(world, name, may.best, probability, last)
-        return Answer(sentence, "where_is", probability, iso(stamp), may.best, evidence, tuple(options[1:]))
+        p = min(may.places[may.best], HIDDEN)
+        sentence = (
+            f"{described(world, name)} {hedged(p)} {spoken(world, may.best)}, {told(p)}: {last}, "
+            "and was not found again yet."
+        )
+        return Answer(sentence, "where_is", p, iso(stamp), may.best, evidence, tuple(options[1:]))
     sentence = f"{described(world, name)} is missing: {last}"
     if back:
         where = world.latest(back[0]).stays[-1].place
@@ -269,11 +257,6 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
         sentence += f"; it is often {spoken(world, guess)}" if guess else ""
     probability = 0.55 if back else may.out
     return Answer(f"{sentence}.", "where_is", probability, iso(stamp), None, evidence, tuple(options))
-
-
-def _probably_at(world: Recall, name: str, place: str, p: float, last: str) -> str:
-    where = f"{hedged(p)} {spoken(world, place)}, {told(p)}"
-    return f"{described(world, name)} {where}: {last}, and was not found again yet."
 
 
 def _began(world: Recall, name: str) -> float:
@@ -296,13 +279,11 @@ def where_usually(world: Recall, what: str) -> Answer:
     if not shares:
         raise NothingKnownError(f"{clean(name)} was not seen in the last four weeks.")
     order = ranked(shares)
-    first = f"{spoken(world, order[0])} ({100 * shares[order[0]]:.0f} % of the last four weeks)"
-    others = [
-        f"{spoken(world, place)} ({100 * shares[place]:.0f} %)"
-        for place in order[1:4]
-        if shares[place] > 0.05
+    likely = [
+        f"{spoken(world, place)} ({100 * shares[place]:.0f} %)" for place in order[:4] if shares[place] > 0.05
     ]
-    rest = f"; else {listed(others)}" if others else ""
+    first = f"{spoken(world, order[0])} ({100 * shares[order[0]]:.0f} % of the last four weeks)"
+    rest = f"; else {listed(likely[1:])}" if likely[1:] else ""
     second = shares[order[1]] if len(order) > 1 else 0.0
     probability = min(Trust.CHANGED, 0.5 + 2.0 * (shares[order[0]] - second))
     sentence = f"{described(world, name)} is usually {first}{rest}."
@@ -316,11 +297,7 @@ def which_room(world: Recall, what: str, when: str | float | Span | None = None)
     Raises NothingKnownError.
     """
     found = where_is(world, what) if when is None else where_was(world, what, when)
-    rooms = [
-        place.name
-        for place in world.places
-        if place.kind == "room" and isinstance(found.value, str) and world.contains(place.name, found.value)
-    ]
+    rooms = world.rooms_of(found.value) if isinstance(found.value, str) else []
     if len(rooms) != 1 or rooms[0] == found.value:
         return found
     verb = "is" if found.kind == "where_is" else "was"
@@ -362,36 +339,35 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
         for each in lines
         if each.id != line.id
     )
-    probability = Trust.SEEN if not (meant.by_name and world.alike(line.id)) else 0.85
-    evidence = evidence_of(world, line, stay.since, stay.until)
+    probability = TWIN if meant.by_name and world.alike(line.id) else Trust.SEEN
+    evidence = evidence_of(line, stay.since, stay.until)
     seen = iso(stay.until)
     return Answer(sentence, "when_last_seen", probability, seen, seen, evidence, options)
 
 
 def _cut(line: Timeline, span: Span) -> Timeline:
     """The part of a timeline within a span."""
-    stays = [
+    stays = (
         replace(stay, until=min(stay.until, span.end), left_by=None)
-        for stay in line.stays
-        if stay.since <= span.end and stay.until >= span.start
-    ]
+        for stay in line.within(span.start, span.end)
+    )
     return replace(line, stays=tuple(stays), lost=False)
 
 
-def evidence_of(world: Recall, line: Timeline, start: float, end: float) -> tuple[Mapping[str, Any], ...]:
+def evidence_of(line: Timeline, start: float, end: float) -> tuple[Mapping[str, Any], ...]:
     """First and last sight of each stay that overlaps a span, the newest eight."""
     found: list[dict[str, Any]] = []
-    for stay in line.stays:
-        if stay.until < start or stay.since > end:
-            continue
-        if not line.cut or stay is not line.stays[0]:  # else it came before what was read
-            found.append({"object": line.id, "event": "came", "place": stay.place, "stamp": iso(stay.since)})
-        if stay.until > stay.since:
-            found.append({"object": line.id, "event": "seen", "place": stay.place, "stamp": iso(stay.until)})
-        if stay.gone and stay.left_by is not None:
-            found.append(
-                {"object": line.id, "event": "gone", "place": stay.place, "stamp": iso(stay.left_by)}
-            )
+    for stay in line.within(start, end):
+        events = {
+            "came": None if line.cut and stay is line.stays[0] else stay.since,  # before what was read
+            "seen": stay.until if stay.until > stay.since else None,
+            "gone": stay.left_by,
+        }
+        found += [
+            {"object": line.id, "event": event, "place": stay.place, "stamp": iso(stamp)}
+            for event, stamp in events.items()
+            if stamp is not None
+        ]
     return tuple(found[-8:])
 
 
@@ -445,13 +421,14 @@ def shares_at(world: Recall, place: str, span: Span, ids: Sequence[str] | None =
 
 class _Found(NamedTuple):
     """What is at a place. lasts : at any time of the span, with its share of it, else at the moment, with its
-    probability. there : what is believed. then : the time as a sentence says it."""
+    probability. there : what is believed. then, verbs : the time as a sentence says it, and "is", "are" in it."""
 
     span: Span
     lasts: bool
     chances: dict[str, float]
     there: list[str]
     then: str
+    verbs: tuple[str, str]
 
     def named(self, world: Recall) -> str:
         """What is there, with the share of the time, or the doubt."""
@@ -481,11 +458,12 @@ def _found_at(
 ) -> _Found:
     """What is or was at a place, of all things where `ids` is None; "" is anywhere. Raises InputError for the time."""
     span = Span(world.now, world.now) if when is None else within(world, when)
-    lasts = span.end - span.start >= 1.0
+    lasts = span.lasts
     chances = shares_at(world, place, span, ids) if lasts else at_place(world, place, span.middle, ids)
     there = [name for name in ranked(chances) if lasts or chances[name] >= BELIEVED]
     then = f" {span.between}" if lasts else "" if when is None else f" at {clock(span.start)}"
-    return _Found(span, lasts, chances, there, then)
+    verbs = ("is", "are") if when is None else ("was", "were")
+    return _Found(span, lasts, chances, there, then, verbs)
 
 
 def what_is_at(world: Recall, place: str, when: str | float | Span | None = None) -> Answer:
@@ -496,13 +474,12 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
     where = place_named(world, place)
     found = _found_at(world, where, when)
     there, stamp = found.there, found.span.end
-    verb = ("is", "are") if when is None else ("was", "were")
-    told_of = f"{found.named(world)} {verb[len(there) > 1]}" if there else f"Nothing that I know of {verb[0]}"
+    told_of = f"Nothing that I know of {found.verbs[0]}"
+    if there:
+        told_of = f"{found.named(world)} {found.verbs[len(there) > 1]}"
     at = at_the(world, where) or (" seen" if found.lasts else " here")
     looks = [
-        evidence_of(world, world.window(name, stamp, stamp), stamp, stamp)
-        for name in there[:4]
-        if not found.lasts
+        evidence_of(world.window(name, stamp, stamp), stamp, stamp) for name in there[:4] if not found.lasts
     ]
     evidence = tuple(entry for look in looks for entry in look)
     sentence, p = f"{told_of}{at}{found.then}", found.probability(Trust.NOT_SEEN)
@@ -527,15 +504,14 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
     p = min(1.0 - math.prod(1.0 - each for each in found.chances.values()), Trust.EACH)
     if lasts:
         p = FOUND if found.there else 1.0 - Trust.NOT_SEEN
-    verbs = ("was", "were") if when is not None else ("is", "are")
     if p >= 0.5:
-        verb = hedged(FOUND if lasts else p, verbs[len(found.there) > 1])
+        verb = hedged(FOUND if lasts else p, found.verbs[len(found.there) > 1])
         names = found.named(world) if lasts else listed(described(world, name) for name in found.there)
         sentence = f"Yes, {names or clean(what)} {verb} {spoken(world, where)}{found.then}"
     else:
-        sentence = f"No, {_not_at(world, meant, where, found, verbs)}"
+        sentence = f"No, {_not_at(world, meant, where, found)}"
     name = found.there[0] if lasts and found.there else meant.ids[0]
-    evidence = evidence_of(world, world.window(name, span.start, span.end), span.start, span.end)
+    evidence = evidence_of(world.window(name, span.start, span.end), span.start, span.end)
     options = () if lasts else found.options(where)
     return Answer.stated(sentence, "is_at", max(p, 1.0 - p), span.start, p >= 0.5, evidence, options)
 
@@ -543,9 +519,10 @@ def is_at(world: Recall, what: str, place: str, when: str | float | Span | None 
 was_at = is_at
 
 
-def _not_at(world: Recall, meant: Meant, where: str, found: _Found, verbs: tuple[str, str]) -> str:
+def _not_at(world: Recall, meant: Meant, where: str, found: _Found) -> str:
     """That an object is not there, and of a moment where it is."""
     one = clean(re.sub("^(any|some|every)thing$", "thing that I know of", plain(meant.words)))
+    verbs = found.verbs
     said = f"there {verbs[meant.plural and one.endswith('s')]} no {one}"
     if len(meant.ids) == 1:
         said = f"{described(world, meant.ids[0])} {verbs[0]} not"
@@ -576,9 +553,8 @@ def how_many(world: Recall, what: str, place: str = "", when: str | float | Span
     ids = tuple(world.things()) if everything else things_named(world, what, when is not None).ids
     found = _found_at(world, where, when, ids)
     count = len(found.there)
-    verb = ("is", "are") if when is None else ("was", "were")
     shown = f": {found.named(world)}" if count else ""
-    sentence = f"There {verb[count != 1]} {count} of these{at_the(world, where)}{found.then}{shown}"
+    sentence = f"There {found.verbs[count != 1]} {count} of these{at_the(world, where)}{found.then}{shown}"
     p, options = found.probability(Trust.SEEN), found.options(where)
     return Answer.stated(sentence, "how_many", p, found.span.start, count, (), options)
 

@@ -121,12 +121,6 @@ def _each(rules: Iterable[tuple[str, str]], text: str) -> str:
     return text
 
 
-def is_swapped(word: str, other: str) -> bool:
-    """Whether two neighbouring letters are all in which two words of one length differ."""
-    pairs = range(len(word) - 1)
-    return word != other and any(word[:k] + word[k + 1] + word[k] + word[k + 2 :] == other for k in pairs)
-
-
 SAME = (
     ("cup", "mug", "teacup", "coffee cup"), ("sofa", "couch", "settee"), ("tv", "television", "telly"),
     ("remote", "remote control", "tv remote"), ("laptop", "notebook computer", "macbook"),
@@ -155,17 +149,9 @@ def is_called(said: str, name: str) -> bool:
     return bool(folded(said) & folded(name))
 
 
-def same_as(word: str, known: Iterable[str]) -> str:
-    """What of the known words means the same, "" for nothing, or several."""
-    others = {other for group in SAME if word in group for other in group}
-    found = [name for name in dict.fromkeys(known) if name != word and name in others]
-    return found[0] if len(found) == 1 else ""
-
-
 def slip_of(word: str, known: Iterable[str]) -> str:
     """The one known word of which this may be a slip: neighbours exchanged, a letter too many or too few."""
-    low = word.lower()
-    found = [name for name in known if _is_slip(low, name.lower())]
+    found = [name for name in known if _is_slip(word.lower(), name.lower())]
     return found[0] if len(found) == 1 else ""
 
 
@@ -173,9 +159,15 @@ def _is_slip(word: str, name: str) -> bool:
     if len(word) == len(name):
         return len(word) >= 3 and is_swapped(word, name)
     short, long = sorted((word, name), key=len)
-    if len(long) - len(short) != 1 or len(short) < LONG_ENOUGH or long == f"{short}s":
+    if len(short) < LONG_ENOUGH or long == f"{short}s":
         return False
     return any(long[:k] + long[k + 1 :] == short for k in range(1, len(long)))
+
+
+def is_swapped(word: str, other: str) -> bool:
+    """Whether two neighbouring letters are all in which two words of one length differ."""
+    pairs = range(len(word) - 1)
+    return word != other and any(word[:k] + word[k + 1] + word[k] + word[k + 2 :] == other for k in pairs)
 
 
 def respelled(text: str, phrases: Iterable[str]) -> tuple[str, list[tuple[str, str]]]:
@@ -214,11 +206,12 @@ def _put_right(word: str, single: list[str]) -> tuple[str, list[tuple[str, str]]
 
 
 def _same(said: str, known: list[str]) -> str:
-    """A known word for the same, in the plural where that was said."""
+    """The one known word for the same, in the plural where that was said; "" where there is none, or several."""
     for ending in ("", "s", "es"):
-        bare = said.removesuffix(ending) if ending else said
+        bare = said.removesuffix(ending)
         if said.endswith(ending) and said not in known and bare not in known:
-            other = same_as(bare, known)
-            if other:
-                return other + ("s" if ending and not other.endswith("s") else "")
+            others = {other for group in SAME if bare in group for other in group}
+            found = [name for name in dict.fromkeys(known) if name in others]
+            if len(found) == 1:
+                return found[0] + ("s" if ending and not found[0].endswith("s") else "")
     return ""
