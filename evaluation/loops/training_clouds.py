@@ -15,7 +15,7 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.learning.boosting import AdaBoost
 from estimation.learning.gradient_boosting import GradientBoosting
-from evaluation.loops.place_training import Recording, plain_share
+from evaluation.loops.place_training import Recording, compare_wide, plain_share
 from evaluation.loops.roc import Roc, roc
 from loop_closure.places.comparison import PlaceDatabase
 from loop_closure.places.context import contexts
@@ -51,15 +51,7 @@ def pairs_among(recording: Recording, nodes: IntArray, rule: PairRule, seed: int
 
 def wide_pairs(recording: Recording, pairs: Pairs) -> FloatArray:
     """The text's features and differences of signatures of pairs, (M, 41 + 56)."""
-    database = PlaceDatabase(recording.places, wide=True)
-    F = [
-        (rows, database.compare_wide(recording.places[query], pairs.second[rows]))
-        for query, rows in pairs.by_first()
-    ]
-    found = np.empty((len(pairs), F[0][1].shape[1]))
-    for rows, values in F:
-        found[rows] = values
-    return found
+    return compare_wide(recording.places, PlaceDatabase(recording.places, wide=True), pairs)
 
 
 def log_odds(recording: Recording, first: GradientBoosting) -> FloatArray:
