@@ -46,7 +46,7 @@ COLUMNS = [
 
 def _thresholds(options: RunOptions, report: Report) -> None:
     """Figures 3.4 and 3.5, and what becomes of them without tours and by the text's own rule."""
-    rooms = _rooms(options, options.share(250, 30))
+    rooms = options.draws(1, options.share(250, 30))
     benchmarks = _benchmarks(options, rooms)
     thresholds = (5.0, 9.0, 15.0) if options.quick else THRESHOLDS
     found = {
@@ -70,19 +70,13 @@ def _thresholds(options: RunOptions, report: Report) -> None:
 
 def _weights(options: RunOptions, report: Report) -> None:
     """Figure 3.6."""
-    rooms = _rooms(options, options.share(250, 30))
+    rooms = options.draws(1, options.share(250, 30))
     weights = (0.25, 0.75, 1.5) if options.quick else WEIGHTS
     found = _many(options, [_config(8.0, weight) for weight in weights], rooms, "weights")
     title = "Relative weight of the cost, IG_thr = 8 nat"
     benchmarks = _benchmarks(options, rooms)
     _table(report, "weights", title, "ω", weights, found, benchmarks)
     _draw(options.out, report, weights, {"maintenance": found}, benchmarks, "figure-3-6", "ω")
-
-
-def _rooms(options: RunOptions, count: int) -> list[int]:
-    """Seeds of the rooms of one repetition."""
-    seeds: list[int] = np.random.default_rng([options.seed, 1]).integers(2**31, size=count).tolist()
-    return seeds
 
 
 def _benchmarks(options: RunOptions, rooms: list[int]) -> Benchmarks:
@@ -155,7 +149,7 @@ def _cells(accounts: list[TourAccount], fixed: list[TourAccount]) -> list[float]
 
 def _sensors(options: RunOptions, report: Report) -> None:
     """A precise short sensor, a wide coarse one, and both."""
-    rooms = _rooms(options, options.share(50, 20))
+    rooms = options.draws(1, options.share(50, 20))
     rows: list[list[object]] = []
     for name, sensors in (("camera", (PRECISE,)), ("laser", (WIDE,)), ("both", (PRECISE, WIDE))):
         plan = replace(PLAN, sensors=sensors)
@@ -177,7 +171,7 @@ def _printed_runs(options: RunOptions, rooms: list[int], rule: PrintedRule, how:
 
 def _as_printed(options: RunOptions, report: Report) -> None:
     """Figures 3.4 and 3.6 by the rule without anticipation, stand-off and tours, as fast as Figure 3.7 implies."""
-    rooms = _rooms(options, options.share(250, 50))
+    rooms = options.draws(1, options.share(250, 50))
     fixed = _printed_runs(options, rooms, PrintedRule(), "fixed")
     rows: list[list[object]] = []
     far = _mean(fixed, "distance")
@@ -215,7 +209,7 @@ def _as_printed(options: RunOptions, report: Report) -> None:
 
 def _counts(options: RunOptions, report: Report) -> None:
     """Figure 3.7: how often objects were updated and gone to with ω = 1."""
-    rooms = _rooms(options, options.share(50, 20))
+    rooms = options.draws(1, options.share(50, 20))
     ours, singly = _many(options, [_config(8.0, 1.0), _config(8.0, 1.0, tour=0.0)], rooms, "one run")
     theirs = _many(options, [("fixed", "given")], rooms)[0]
     rule = PrintedRule(8.0, 1.0)
@@ -276,7 +270,7 @@ def _draw_counts(out: Path, runs: dict[str, list[PrintedRun]]) -> Path:
 def _cat(options: RunOptions, report: Report) -> None:
     """Section 3.8.1, Figures 3.9 and 3.10."""
     count = options.share(20, 5)
-    seeds = np.random.default_rng([options.seed, 2]).integers(2**31, size=count).tolist()
+    seeds = options.draws(2, count)
     rules = {
         "as printed, Kalman filter": scenes.watch,
         "as printed, particles (3.4)": scenes.watch_with_particles,
@@ -311,7 +305,7 @@ def _watched_by_ours(scene: scenes.Film, seed: int) -> scenes.Watched:
 def _clean_up(options: RunOptions, report: Report) -> None:
     """Section 3.8.2, Table 3.2: who looks at what, and when."""
     count = options.share(50, 20)
-    seeds = np.random.default_rng([options.seed, 3]).integers(2**31, size=count).tolist()
+    seeds = options.draws(3, count)
     runs = [scenes.clean_up(seed) for seed in seeds]
     rows: list[list[object]] = []
     for k, stage in enumerate(scenes.STAGES):
