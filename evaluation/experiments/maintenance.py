@@ -80,7 +80,7 @@ def _weights(options: RunOptions, report: Report) -> None:
 
 
 def _benchmarks(options: RunOptions, rooms: list[int]) -> Benchmarks:
-    found = _many(options, [("fixed", "given"), ("fixed", "tour")], rooms)
+    found = _many(options, ["given", "tour"], rooms)
     return dict(zip(("fixed path", "shortest tour"), found, strict=True))
 
 
@@ -91,21 +91,20 @@ def _config(threshold: float, weight: float = 0.75, **changes: float) -> Mainten
     return replace(plain, **changes)  # type: ignore[arg-type]
 
 
-def _one(plan: RoomPlan, how: object, seed: int) -> TourAccount:
+def _one(plan: RoomPlan, how: MaintenanceConfig | str, seed: int) -> TourAccount:
     if isinstance(how, MaintenanceConfig):
         return maintained(plan, seed, how)
-    assert isinstance(how, tuple)
-    return fixed_path(plan, seed, how[1])
+    return fixed_path(plan, seed, how)
 
 
 def _many(
-    options: RunOptions, ways: Sequence[object], seeds: list[int], label: str = "benchmark", plan: RoomPlan = PLAN
+    options: RunOptions, ways: Sequence[MaintenanceConfig | str], seeds: list[int],
+    label: str = "benchmark", plan: RoomPlan = PLAN,
 ) -> list[list[TourAccount]]:  # fmt: skip
     """Accounts of every way over all seeds, in parallel."""
-    results = []
-    for how in track(list(ways), label):
-        results.append(each(_one, [(plan, how, seed) for seed in seeds], options.jobs))
-    return results
+    return [
+        each(_one, [(plan, how, seed) for seed in seeds], options.jobs) for how in track(list(ways), label)
+    ]
 
 
 def _mean(runs: Sequence[TourAccount | PrintedRun], quantity: str) -> float:
@@ -211,7 +210,7 @@ def _counts(options: RunOptions, report: Report) -> None:
     """Figure 3.7: how often objects were updated and gone to with ω = 1."""
     rooms = options.draws(1, options.share(50, 20))
     ours, singly = _many(options, [_config(8.0, 1.0), _config(8.0, 1.0, tour=0.0)], rooms, "one run")
-    theirs = _many(options, [("fixed", "given")], rooms)[0]
+    theirs = _many(options, ["given"], rooms)[0]
     rule = PrintedRule(8.0, 1.0)
     printed = {how: _printed_runs(options, rooms, rule, how) for how in ("rule", "rule, looking on", "fixed")}
     rows: list[list[object]] = []
