@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -68,19 +67,8 @@ class SimulatedWalker:
         points = np.asarray(self.waypoints, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 1:
             raise InputError(f"waypoints: shape (K >= 1, 2) expected, got {points.shape}")
-        object.__setattr__(self, "waypoints", points)
-
-    @cached_property
-    def _marks(self) -> Array:
-        """Metres walked up to each waypoint, (K,)."""
-        lengths = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
-        return np.concatenate(([0.0], np.cumsum(lengths)))
-
-    @cached_property
-    def _timeline(self) -> tuple[Array, Array]:
-        """Moments at which something changes, s, and metres walked by then."""
-        rests = np.zeros(len(self.waypoints)) if self.rests is None else np.asarray(self.rests)
-        lengths = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
+        rests = np.zeros(len(points)) if self.rests is None else np.asarray(self.rests, dtype=np.float64)
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         times, walked = [self.start], [0.0]
         for k, length in enumerate([*lengths, 0.0]):
             times.append(times[-1] + rests[k])
@@ -88,20 +76,23 @@ class SimulatedWalker:
             if k < len(lengths):
                 times.append(times[-1] + length / self.speed)
                 walked.append(walked[-1] + length)
-        return np.array(times), np.array(walked)
+        object.__setattr__(self, "waypoints", points)
+        object.__setattr__(self, "_times", np.array(times))
+        object.__setattr__(self, "_walked", np.array(walked))
+        object.__setattr__(self, "_marks", np.concatenate(([0.0], np.cumsum(lengths))))
 
     @property
     def duration(self) -> float:
         """Seconds at which the last waypoint is left."""
-        return float(self._timeline[0][-1])
+        return float(self._times[-1])  # type: ignore[attr-defined]
 
     def walked(self, time: float) -> float:
         """Metres walked until `time` seconds."""
-        return float(np.interp(time, *self._timeline))
+        return float(np.interp(time, self._times, self._walked))  # type: ignore[attr-defined]
 
     def position(self, time: float) -> Array:
         """(2,) metres at `time` seconds."""
-        along, marks = self.walked(time), self._marks
+        along, marks = self.walked(time), self._marks  # type: ignore[attr-defined]
         return np.array([np.interp(along, marks, self.waypoints[:, k]) for k in range(2)])
 
     def path(self, times: Array) -> Array:
@@ -115,7 +106,7 @@ class SimulatedWalker:
 
     def heading(self, time: float) -> float:
         """Direction of walking, of the last leg walked while resting, radians."""
-        along, marks = self.walked(time), self._marks
+        along, marks = self.walked(time), self._marks  # type: ignore[attr-defined]
         if len(marks) < 2:
             return self.phase
         leg = int(np.clip(np.searchsorted(marks, along, side="left") - 1, 0, len(marks) - 2))
