@@ -1,25 +1,5 @@
 """The name by which users import `estimation.geometry.grid`."""
 
-from estimation.geometry.grid import (
-    FARTHEST,
-    FARTHEST_CELL,
-    MOST_CELLS,
-    ROOM,
-    SIGNATURE,
-    Mask,
-    OccupancyGrid,
-    is_grid_file,
-    placed_scan,
-)
+from estimation.geometry.grid import Mask, OccupancyGrid, is_grid_file
 
-__all__ = [
-    "FARTHEST",
-    "FARTHEST_CELL",
-    "MOST_CELLS",
-    "ROOM",
-    "SIGNATURE",
-    "Mask",
-    "OccupancyGrid",
-    "is_grid_file",
-    "placed_scan",
-]
+__all__ = ["Mask", "OccupancyGrid", "is_grid_file"]

@@ -35,6 +35,13 @@ class RunOptions:
     seeds: int = 1
     kept: Path | None = None
 
+    def draws(self, stream: int, count: int = 1) -> list[int]:
+        """Seeds of the runs of one repetition; stream : of which part they are."""
+        import numpy as np
+
+        seeds: list[int] = np.random.default_rng([self.seed, stream]).integers(2**31, size=count).tolist()
+        return seeds
+
     def share(self, whole: int, quick: int) -> int:
         """Of so many repetitions in all, those of this seed."""
         return max((quick if self.quick else whole) // self.seeds, 1)

@@ -28,16 +28,11 @@ from world_model.memory.store_pages import FRAME, LOG_HEAD, Pages, rows_of
 from world_model.memory.store_rows import encode
 from world_model.state import WorldObject, WorldState
 
-KINDS = (
-    "bit",
-    "byte",
-    "sector of zeros",
-    "sector of noise",
-    "page of zeros",
-    "page of noise",
-    "pages exchanged",
-    "cut off",
-)
+# What is damaged, and how many bytes each damage takes.
+KINDS = {
+    "bit": 1, "byte": 1, "sector of zeros": 512, "sector of noise": 512, "page of zeros": PAGE, "page of noise": PAGE,
+    "pages exchanged": PAGE, "cut off": 1,
+}  # fmt: skip
 SUFFIXES = ("", "-wal", ".lock")
 Fact = tuple[Any, ...]
 
@@ -160,16 +155,8 @@ def damage(
 ) -> tuple[str, dict[str, bytes], set[int] | None]:
     """One damage: what it is, the files with it, and the pages that it touches; None for an end of a log."""
     suffix = "-wal" if "-wal" in files and len(files["-wal"]) and rng.random() < 0.5 else ""
-    data, kind = bytearray(files[suffix]), str(rng.choice(KINDS))
-    size = {"bit": 1, "byte": 1, "s": 512, "p": PAGE}[
-        "p"
-        if kind.startswith("page")
-        else "s"
-        if kind[0] == "s"
-        else kind
-        if kind in ("bit", "byte")
-        else "bit"
-    ]
+    data, kind = bytearray(files[suffix]), str(rng.choice(list(KINDS)))
+    size = KINDS[kind]
     at = int(rng.integers(0, len(data))) // size * size
     places = [at]
     if kind == "bit":

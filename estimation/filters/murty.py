@@ -94,14 +94,6 @@ def augment(costs, source, first, banned, freed, limit, row_of, column_of, u, v)
 
 
 @numba.njit(cache=True)
-def _rows_by_column(columns, m):  # type: ignore[no-untyped-def]
-    row_of = np.full(m, IDLE, np.int64)
-    for i in range(columns.size):
-        row_of[columns[i]] = i
-    return row_of
-
-
-@numba.njit(cache=True)
 def k_best_full(costs, k):  # type: ignore[no-untyped-def]
     """Columns (K, n) of the K ≤ k cheapest complete assignments in ascending order; n ≤ m, inf forbids."""
     n, m = costs.shape
@@ -132,7 +124,7 @@ def k_best_full(costs, k):  # type: ignore[no-untyped-def]
     pool_banned = np.empty((k, m), np.bool_)
     pool_u, pool_v = np.empty((k, n)), np.empty((k, m))
     pool_cost[0] = total
-    _put(pool_columns[0], pool_banned[0], pool_u[0], pool_v[0], columns, no_ban, u, v)
+    pool_columns[0], pool_banned[0], pool_u[0], pool_v[0] = columns, no_ban, u, v
     size = 1
     count = 0
     while size > 0:
@@ -140,20 +132,22 @@ def k_best_full(costs, k):  # type: ignore[no-untyped-def]
         cost, first = pool_cost[at], pool_first[at]
         columns, banned = pool_columns[at].copy(), pool_banned[at].copy()
         u, v = pool_u[at].copy(), pool_v[at].copy()
-        for i in range(n):
-            found[count, i] = columns[i]
+        found[count] = columns
         count += 1
-        size -= 1
-        if at != size:
-            _move(pool_cost, pool_first, pool_columns, pool_banned, pool_u, pool_v, size, at)
+        out = at
+        while True:
+            # The last subproblem takes the place of the one that leaves.
+            size -= 1
+            pool_cost[out], pool_first[out] = pool_cost[size], pool_first[size]
+            pool_columns[out], pool_banned[out] = pool_columns[size], pool_banned[size]
+            pool_u[out], pool_v[out] = pool_u[size], pool_v[size]
+            if size <= k - count:
+                break
+            out = np.argmax(pool_cost[:size])
         if count == k:
             break
-        while size > k - count:
-            worst = np.argmax(pool_cost[:size])
-            size -= 1
-            if worst != size:
-                _move(pool_cost, pool_first, pool_columns, pool_banned, pool_u, pool_v, size, worst)
-        parent_rows = _rows_by_column(columns, m)
+        parent_rows = np.full(m, IDLE, np.int64)
+        parent_rows[columns] = np.arange(n)
         for t in range(first, n):
             slot = int(size)
             limit = np.inf
@@ -173,38 +167,7 @@ def k_best_full(costs, k):  # type: ignore[no-untyped-def]
                 continue
             pool_cost[slot] = cost + step
             pool_first[slot] = t
-            _put(
-                pool_columns[slot],
-                pool_banned[slot],
-                pool_u[slot],
-                pool_v[slot],
-                child_columns,
-                banned,
-                child_u,
-                child_v,
-            )
+            pool_columns[slot], pool_banned[slot] = child_columns, banned
+            pool_u[slot], pool_v[slot] = child_u, child_v
             size = max(size, slot + 1)
     return found[:count]
-
-
-@numba.njit(cache=True)
-def _move(cost, first, columns, banned, u, v, source, target):  # type: ignore[no-untyped-def]
-    cost[target], first[target] = cost[source], first[source]
-    _put(
-        columns[target],
-        banned[target],
-        u[target],
-        v[target],
-        columns[source],
-        banned[source],
-        u[source],
-        v[source],
-    )
-
-
-@numba.njit(cache=True)
-def _put(columns, banned, u, v, new_columns, new_banned, new_u, new_v):  # type: ignore[no-untyped-def]
-    for i in range(u.size):
-        columns[i], u[i] = new_columns[i], new_u[i]
-    for j in range(v.size):
-        banned[j], v[j] = new_banned[j], new_v[j]

@@ -7,6 +7,7 @@ upside down against it, as map_saver has it. Cells hold log-odds of being occupi
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +23,8 @@ HIT, MISS, MOST = 0.85, -0.4, 6.0  # log-odds of one look; bound, so that a chan
 OCCUPIED_OVER, FREE_BELOW = 0.6, -0.3  # log-odds; one hit is occupied, one look through is free
 # Thresholds of the files. 205, the grey of unknown cells, is 0.19608: with map_saver's 0.25 it would be read as free.
 OCCUPIED_SHARE, FREE_SHARE = 0.65, 0.196
+# Width, height and largest grey, with comments between them.
+PGM_HEAD = re.compile(rb"P5" + 3 * rb"(?:\s|#.*\n)+(\d+)" + rb"\s")
 SIGNATURE = "whereabouts"  # in a comment of the files written here
 ROOM = 64  # cells of spare room when the grid grows
 FARTHEST_CELL = 1e15  # what is beyond is as far: a larger number may not fit into an integer
@@ -286,21 +289,9 @@ def is_grid_file(path: Path) -> bool:
 
 def _read_pgm(data: bytes) -> npt.NDArray[np.float64]:
     """Grey values (H, W) of a binary PGM, top row first. ValueError where it is none."""
-    at = 2
-    numbers: list[int] = []
-    if data[:2] != b"P5":
+    head = PGM_HEAD.match(data)
+    if head is None:
         raise ValueError("not a binary PGM (P5)")
-    while len(numbers) < 3:
-        while data[at : at + 1].isspace():
-            at += 1
-        if data[at : at + 1] == b"#":
-            at = data.index(b"\n", at)
-            continue
-        end = at
-        while data[end : end + 1].isdigit():
-            end += 1
-        numbers.append(int(data[at:end]))
-        at = end
-    width, height, most = numbers
-    pixels = np.frombuffer(data, dtype=np.uint8, count=width * height, offset=at + 1)
+    width, height, most = map(int, head.groups())
+    pixels = np.frombuffer(data, dtype=np.uint8, count=width * height, offset=head.end())
     return pixels.reshape(height, width).astype(np.float64) * (255.0 / most)

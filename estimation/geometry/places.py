@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -185,7 +186,7 @@ class Places:
         if not self.by_name:
             return {}
         mean, cov = _gaussian(position, covariance)
-        corners, starts = self._stacked()
+        corners, starts = self._stacked
         masses = gaussian_mass(corners, starts, mean[:2], cov[:2, :2]).tolist()
         if len(mean) == 3:
             masses = [
@@ -211,16 +212,11 @@ class Places:
                 return best, probability
         return "", 0.0
 
+    @cached_property
     def _stacked(self) -> tuple[FloatArray, list[int]]:
-        """Corners of all polygons (V, 2), and where each begins; made once."""
-        known = self.__dict__.get("_corners")
-        if known is None:
-            outlines = [place.polygon for place in self]
-            starts = np.cumsum([0, *map(len, outlines[:-1])]).tolist()
-            known = (np.concatenate(outlines), starts)
-            object.__setattr__(self, "_corners", known)
-        corners, starts = known
-        return corners, starts
+        """Corners of all polygons (V, 2), and where each begins."""
+        outlines = [place.polygon for place in self]
+        return np.concatenate(outlines), np.cumsum([0, *map(len, outlines[:-1])]).tolist()
 
 
 class _UniqueKeys(yaml.SafeLoader):

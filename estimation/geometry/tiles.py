@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray, as_vectors, require_positive
 from estimation.geometry.grid import FREE_BELOW, HIT, MISS, MOST, OCCUPIED_OVER, OccupancyGrid, placed_scan
@@ -188,16 +189,8 @@ def _fits(low: Indices, high: Indices, most: int) -> bool:
 def _parts(tiles: Indices) -> list[Indices]:
     """The tiles (T, 2) in parts that touch each other, also at corners; the largest part first."""
     tiles = tiles[np.lexsort(tiles.T[::-1])]
-    width = int(np.ptp(tiles[:, 1])) + 3
-    keys = (tiles[:, 0] - tiles[0, 0]) * width + tiles[:, 1] - tiles[:, 1].min() + 1
-    starts, ends = [], []
-    for step in (1, width - 1, width, width + 1):
-        at = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
-        touching = np.flatnonzero(keys[at] == keys + step)
-        starts.append(touching)
-        ends.append(at[touching])
-    start, end = np.concatenate(starts), np.concatenate(ends)
-    graph = coo_array((np.ones(len(start)), (start, end)), shape=(len(keys), len(keys)))
+    pairs = cKDTree(tiles).query_pairs(1.5, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(tiles), len(tiles)))
     _, labels = connected_components(graph.tocsr(), directed=False)
     borders = np.cumsum(np.bincount(labels))[:-1]
     return sorted(np.split(tiles[np.argsort(labels, kind="stable")], borders), key=len, reverse=True)

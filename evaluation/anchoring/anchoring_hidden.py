@@ -10,18 +10,23 @@ import numpy as np
 from scipy.special import ndtr
 
 from evaluation.anchoring import kitti
-from evaluation.anchoring.anchoring_gnn import GlobalNearestNeighbour
+from evaluation.anchoring.anchoring_recorded import (
+    DETECTED,
+    FALSE,
+    NEAR,
+    SIGMA,
+    false_ones,
+    nearest_neighbour,
+    traffic,
+)
 from evaluation.anchoring.identities import IdentityScore
-from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
+from world_model import ObjectEvidence, WorldEvidence, WorldModel
 from world_model.camera import CameraModel, CameraView, DepthImage, ImageBox, LocatedBox, located
 
-DETECTED = (0.9, 0.6, 0.05, 0.05)
+SEEN = (DETECTED, 0.6, 0.05, 0.05)
 """p_D of what is not, partly, largely hidden, and where nobody knows."""
 LASTING = 0.8
 """Correlation of an object's luck from frame to frame: misses come in runs."""
-FALSE = 0.3
-SIGMA, NEAR, ACCELERATION = 0.2, 2.0, 2.0
-SPEED = ACCELERATION * float(np.sqrt(10.0))
 COARSE = 4
 """Pixels of the recording to one of the depth image, a side."""
 JITTER = 0.03
@@ -49,7 +54,7 @@ class Luck:
         for index, (name, hidden) in enumerate(zip(frame.identities, frame.hidden, strict=True)):
             last, new = self._now.get(name), float(self.rng.normal())
             self._now[name] = new if last is None else LASTING * last + (1.0 - LASTING**2) ** 0.5 * new
-            if ndtr(self._now[name]) < DETECTED[hidden]:
+            if ndtr(self._now[name]) < SEEN[hidden]:
                 found.append(index)
         return found
 
@@ -58,10 +63,7 @@ def in_space(frame: kitti.KittiFrame, luck: Luck) -> Detected:
     """Positions with σ 0.2 m, and false ones in the camera's view."""
     rng = luck.rng
     seen = [frame.positions[k] + rng.normal(0.0, SIGMA, 3) for k in luck.found(frame)]
-    for _ in range(rng.poisson(FALSE)):
-        distance, bearing = rng.uniform(3.0, 60.0), frame.sensor[3] + rng.uniform(-0.7, 0.7)
-        off = [distance * np.cos(bearing), distance * np.sin(bearing), rng.uniform(-1.0, 1.0)]
-        seen.append(frame.sensor[:3] + off)
+    seen += false_ones(frame, rng)
     evidence = WorldEvidence([ObjectEvidence(place, SIGMA**2 * np.eye(3)) for place in seen])
     return Detected(np.array(seen).reshape(-1, 3), evidence)
 
@@ -118,31 +120,19 @@ def _extent(place: LocatedBox) -> dict[str, tuple[float, float]]:
     return {"size": (size, (0.3 * size) ** 2), "ratio": (ratio, (0.3 * ratio) ** 2)}
 
 
-def settings(frames: Sequence[kitti.KittiFrame], run: float) -> WorldModelConfig:
-    """What is told of the traffic. run : `missed_run_frames`, which nobody knows."""
-    everything = np.concatenate([frame.positions for frame in frames])
-    low, high = (everything.min(0) - 5.0).tolist(), (everything.max(0) + 5.0).tolist()
-    return WorldModelConfig(
-        region=((low[0], high[0]), (low[1], high[1]), (low[2], high[2])),
-        rate_hz=kitti.RATE,
-        detection_probability=DETECTED[0],
-        clutter_per_frame=FALSE,
-        measurement_sigma=SIGMA,
-        missed_run_frames=run,
-        new_objects_per_second=1.0,
-        removed_per_second=0.1,
-        quantities={"size": (3.0, 2.0), "ratio": (1.0, 0.7)},
-        motion={"*": {"model": "constant_velocity", "accel_sigma": ACCELERATION}},
-    )
-
-
 def hidden_run(
     frames: Sequence[kitti.KittiFrame], run: float | None, seed: int, look: Any = in_space
 ) -> IdentityScore:
     """Identities of a sequence, of all labels, hidden ones as well. run None: by global nearest neighbour."""
     luck, score = Luck(seed), IdentityScore(NEAR)
-    model = None if run is None else WorldModel(settings(frames, run))
-    other = GlobalNearestNeighbour(ACCELERATION, SIGMA, SPEED)
+    model = (
+        None
+        if run is None
+        else WorldModel(
+            traffic(frames, missed_run_frames=run, quantities={"size": (3.0, 2.0), "ratio": (1.0, 0.7)})
+        )
+    )
+    other = nearest_neighbour()
     for frame in frames:
         seen = look(frame, luck)
         if model is None:

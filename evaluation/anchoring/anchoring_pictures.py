@@ -14,7 +14,7 @@ from matplotlib.patches import Ellipse
 from evaluation.anchoring.anchoring_scenes import AntRun
 from evaluation.anchoring.anchoring_table import Shot
 from evaluation.drawing import saved
-from world_model import ObjectEvidence
+from world_model import ObjectEvidence, WorldObject
 
 TABLE_FIGURES: dict[str, tuple[tuple[str, str, bool], ...]] = {
     "figure-2-3": (("detections", "before", True), ("world state", "before", False)),
@@ -68,13 +68,19 @@ def _likeliest(seen: ObjectEvidence) -> dict[str, str]:
 
 def _world(axes: Axes, shot: Shot) -> None:
     for number, item in enumerate(sorted(shot.state.objects, key=_right_to_left)):
-        color, (x, y) = item.most_probable("color"), item.position[:2].tolist()
-        values, vectors = np.linalg.eigh(item.covariance[:2, :2])
-        turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
-        axes.plot(x, y, "o", color=color or "gray", markersize=7, alpha=0.6)
-        axes.add_patch(Ellipse((x, y), *(2.0 * np.sqrt(GATE * values)), angle=turn, fill=False))
+        place = draw_object(axes, item, item.most_probable("color") or "gray")
         said = [item.id, *(word for word in map(item.most_probable, ("size", "shape", "class")) if word)]
-        _label(axes, "\n".join(said), x, y, number)
+        _label(axes, "\n".join(said), *place, number)
+
+
+def draw_object(axes: Axes, item: WorldObject, color: str) -> tuple[float, float]:
+    """A dot in a colour with the 99 % ellipse around it; returns where, x and y."""
+    x, y = item.position[:2].tolist()
+    values, vectors = np.linalg.eigh(item.covariance[:2, :2])
+    turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
+    axes.plot(x, y, "o", color=color, markersize=7, alpha=0.6)
+    axes.add_patch(Ellipse((x, y), *(2.0 * np.sqrt(GATE * values)), angle=turn, fill=False))
+    return x, y
 
 
 def _right_to_left(thing: Any) -> float:

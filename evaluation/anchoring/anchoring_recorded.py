@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelCon
 
 ACCELERATION = 2.0  # m/s^1.5, vehicles and pedestrians alike
 NEAR = 2.0
+DETECTED, FALSE, SIGMA = 0.9, 0.3, 0.2  # p_D, false detections per frame, m
 
 
 @dataclass(frozen=True)
@@ -98,37 +100,50 @@ def _right(pairs: Counter[tuple[int, str | None]]) -> float:
     )
 
 
-def detections(frame: kitti.KittiFrame, rng: np.random.Generator) -> np.ndarray:
-    """Simulated detections (M, 3): σ 0.2 m, p_D 0.9, 0.3 false ones per frame in the camera's view."""
-    found = [p + rng.normal(0.0, 0.2, 3) for p in frame.positions if rng.random() < 0.9]
-    for _ in range(rng.poisson(0.3)):
+def false_ones(frame: kitti.KittiFrame, rng: np.random.Generator) -> list[np.ndarray]:
+    """Positions (3,) of false detections in the camera's view, 0.3 per frame."""
+    found = []
+    for _ in range(rng.poisson(FALSE)):
         distance, bearing = rng.uniform(3.0, 60.0), frame.sensor[3] + rng.uniform(-0.7, 0.7)
         off = [distance * np.cos(bearing), distance * np.sin(bearing), rng.uniform(-1.0, 1.0)]
         found.append(frame.sensor[:3] + off)
-    return np.array(found).reshape(-1, 3)
+    return found
+
+
+def traffic(frames: Sequence[kitti.KittiFrame], **more: Any) -> WorldModelConfig:
+    """What is told of the traffic; more : other settings."""
+    everything = np.concatenate([frame.positions for frame in frames])
+    (x0, y0, z0), (x1, y1, z1) = (everything.min(0) - 5.0).tolist(), (everything.max(0) + 5.0).tolist()
+    return WorldModelConfig(
+        region=((x0, x1), (y0, y1), (z0, z1)),
+        rate_hz=kitti.RATE,
+        detection_probability=DETECTED,
+        clutter_per_frame=FALSE,
+        measurement_sigma=SIGMA,
+        new_objects_per_second=1.0,
+        removed_per_second=0.1,
+        motion={"*": {"model": "constant_velocity", "accel_sigma": ACCELERATION}},
+        **more,
+    )
+
+
+def nearest_neighbour() -> GlobalNearestNeighbour:
+    """The peer, told the same."""
+    return GlobalNearestNeighbour(ACCELERATION, SIGMA, ACCELERATION * float(np.sqrt(10.0)))
 
 
 def tracking_run(folder: Path, sequence: str, seed: int) -> tuple[IdentityScore, IdentityScore]:
     """Scores of anchoring and of global nearest neighbour on the same detections of a KITTI sequence."""
     frames = list(kitti.frames(folder, sequence))
-    everything = np.concatenate([frame.positions for frame in frames])
-    low, high = (everything.min(0) - 5.0).tolist(), (everything.max(0) + 5.0).tolist()
-    config = WorldModelConfig(
-        region=((low[0], high[0]), (low[1], high[1]), (low[2], high[2])),
-        rate_hz=kitti.RATE,
-        detection_probability=0.9,
-        clutter_per_frame=0.3,
-        measurement_sigma=0.2,
-        new_objects_per_second=1.0,
-        removed_per_second=0.1,
-        motion={"*": {"model": "constant_velocity", "accel_sigma": ACCELERATION}},
-    )
     rng = np.random.default_rng(seed)
-    model, other = WorldModel(config), GlobalNearestNeighbour(ACCELERATION, 0.2, ACCELERATION * np.sqrt(10.0))
+    model, other = WorldModel(traffic(frames)), nearest_neighbour()
     ours, theirs = IdentityScore(NEAR), IdentityScore(NEAR)
     for frame in frames:
-        seen = detections(frame, rng)
-        state = model.update(WorldEvidence([ObjectEvidence(p, 0.04 * np.eye(3)) for p in seen]), frame.stamp)
+        found = [p + rng.normal(0.0, SIGMA, 3) for p in frame.positions if rng.random() < DETECTED]
+        seen = np.array(found + false_ones(frame, rng)).reshape(-1, 3)
+        state = model.update(
+            WorldEvidence([ObjectEvidence(p, SIGMA**2 * np.eye(3)) for p in seen]), frame.stamp
+        )
         truth = dict(zip(frame.identities, frame.positions, strict=True))
         positions = np.array([item.position for item in state.objects]).reshape(-1, 3)
         ours.add(truth, [item.id for item in state.objects], positions)

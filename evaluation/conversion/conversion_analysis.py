@@ -17,9 +17,9 @@ ANES_SAMPLES = 500  # N of (6.8)
 KL_SAMPLES, KL_BINS = 20_000, 60
 
 
-def _polar_nodes(sigma_bearing: float, count: int = 80) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _polar_nodes(sigma_bearing: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Measurements (Q,), (Q,) and weights (Q,) of Gauss-Hermite quadrature around the true object."""
-    x, w = np.polynomial.hermite_e.hermegauss(count)
+    x, w = np.polynomial.hermite_e.hermegauss(80)
     w = w / w.sum()
     r, theta = np.meshgrid(RANGE + SIGMA_RANGE * x, BEARING + sigma_bearing * x)
     weights = np.outer(w, w)

@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 from estimation.checks import FloatArray
 from estimation.conversion.polar import condition_ratio
 from estimation.geometry.poses import compound, compound_jacobians, wrap_angle
+from evaluation.conversion.conversion_limits import K_CRIT
 
 WAY_POINTS = np.array([[1.0, 1.2], [8.6, 1.5], [10.8, 5.4], [5.4, 5.9], [4.9, 3.2], [1.0, 3.9]])
 CORNERS = np.array(
@@ -98,18 +99,17 @@ def _polar(pose: FloatArray, point: FloatArray) -> FloatArray:
     return np.array([np.linalg.norm(offset), np.arctan2(offset[1], offset[0]) - pose[2]])
 
 
-def critical_range(P: FloatArray, sigma_object: float, with_position: bool, k_crit: float = 1.075) -> float:
-    """Range, m, at which K reaches `k_crit` under a robot pose covariance (3, 3); inf where it is beyond 60 m."""
+def critical_range(P: FloatArray, sigma_object: float, with_position: bool) -> float:
+    """Range, m, at which K reaches 1.075 under a robot pose covariance (3, 3); inf where it is beyond 60 m."""
     sigma = float(np.sqrt(sigma_object**2 + P[2, 2]))
     # The eigenvalues turn with the bearing; the mean over the directions is what a robot meets.
     position = 0.5 * np.trace(P[:2, :2]) * np.eye(2) if with_position else None
 
     def excess(r: float) -> float:
-        return float(condition_ratio(r, 0.0, SIGMA_RANGE, sigma, position)) - k_crit
+        return float(condition_ratio(r, 0.0, SIGMA_RANGE, sigma, position)) - K_CRIT
 
     # Close by, K rises again where the range noise is large against the range: start beyond that.
-    start = 5 * SIGMA_RANGE / sigma
-    start = max(0.3, min(start, 2.0))
+    start = max(0.3, min(5 * SIGMA_RANGE / sigma, 2.0))
     if excess(FARTHEST) < 0:
         return float("inf")
     return start if excess(start) > 0 else float(brentq(excess, start, FARTHEST))

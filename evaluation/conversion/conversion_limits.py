@@ -33,29 +33,23 @@ class Limit:
 
 
 def failures(
-    r: float,
-    bearing: float,
-    sr: float,
-    st: float,
-    position: float,
-    rng: np.random.Generator,
-    sets: int = SETS,
+    r: float, bearing: float, sr: float, st: float, position: float, rng: np.random.Generator
 ) -> int:
-    """How many of `sets` sets of 250 converted measurements fail Mardia's test."""
-    ranges = r + sr * rng.standard_normal((sets, SET_SIZE))
-    angles = bearing + st * rng.standard_normal((sets, SET_SIZE))
+    """How many of 100 sets of 250 converted measurements fail Mardia's test."""
+    ranges = r + sr * rng.standard_normal((SETS, SET_SIZE))
+    angles = bearing + st * rng.standard_normal((SETS, SET_SIZE))
     points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], -1)
     if position > 0:
         points = points + position * rng.standard_normal(points.shape)
     return sum(not mardia_test(p) for p in points)
 
 
-def predicted(r: float, sr: float, position: float, limit: float = K_CRIT) -> float:
-    """σ_θ, rad, at which K reaches `limit`; `LARGEST` where it does not up to there, NaN where it always is."""
+def predicted(r: float, sr: float, position: float) -> float:
+    """σ_θ, rad, at which K reaches `K_CRIT`; `LARGEST` where it does not up to there, NaN where it always is."""
     covariance = position**2 * np.eye(2) if position > 0 else None
 
     def excess(st: float) -> float:
-        return float(condition_ratio(r, 0.0, sr, st, covariance)) - limit
+        return float(condition_ratio(r, 0.0, sr, st, covariance)) - K_CRIT
 
     low = np.radians(0.01)
     if excess(low) > 0:
@@ -63,13 +57,13 @@ def predicted(r: float, sr: float, position: float, limit: float = K_CRIT) -> fl
     return LARGEST if excess(LARGEST) < 0 else float(brentq(excess, low, LARGEST))
 
 
-def find_limit(r: float, bearing: float, sr: float, position: float, seed: int, sets: int = SETS) -> Limit:
+def find_limit(r: float, bearing: float, sr: float, position: float, seed: int) -> Limit:
     """Raise σ_θ in steps of 0.2° until a quarter of the sets fails; the limit is half a step before that."""
     rng = np.random.default_rng(seed)
     steps = np.arange(STEP, LARGEST + STEP / 2, STEP)
     measured = LARGEST
     for st in steps:
-        if failures(r, bearing, sr, st, position, rng, sets) >= FAILURES * sets / SETS:
+        if failures(r, bearing, sr, st, position, rng) >= FAILURES:
             measured = float(st - STEP / 2) if st > steps[0] else float("nan")
             break
     at = measured if np.isfinite(measured) else STEP
@@ -89,9 +83,9 @@ def operating_points() -> list[tuple[float, float, float]]:
     return [(float(r), float(b), float(s)) for r in RANGES for s in SIGMA_RANGES for b in BEARINGS]
 
 
-def within(limits: list[Limit], degrees: float, by: str = "by_ratio") -> float:
+def within(limits: list[Limit], degrees: float) -> float:
     """Share of operating points whose limit is predicted within so many degrees."""
-    error = np.degrees([abs(getattr(x, by) - x.measured) for x in limits])
+    error = np.degrees([abs(x.by_ratio - x.measured) for x in limits])
     return float(np.mean(error <= degrees))
 
 

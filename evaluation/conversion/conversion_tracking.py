@@ -147,29 +147,20 @@ def compiled() -> None:
 
 
 def paired(
-    scenario: int, seeds: Sequence[int], seconds: float, names: list[str], jobs: int
+    scenario: int, seeds: Sequence[int], seconds: float, filters: dict[str, dict[str, Any]], jobs: int
 ) -> dict[str, FloatArray]:
     """RMSE, ANEES and mean cost per step of every filter on the same walks: (seeds, 3) each."""
-    rows = each(_one_seed, [(scenario, seed, seconds, names) for seed in seeds], jobs)
-    return {name: np.array([row[name] for row in rows]) for name in names}
-
-
-def between(seeds: Sequence[int], seconds: float, jobs: int) -> dict[str, FloatArray]:
-    """Scenario 2 by every filter of `BETWEEN`: RMSE, ANEES, mean cost per step (seeds, 3)."""
-    rows = each(_one_seed, [(2, seed, seconds, list(BETWEEN), BETWEEN) for seed in seeds], jobs)
-    return {name: np.array([row[name] for row in rows]) for name in BETWEEN}
+    rows = each(_one_seed, [(scenario, seed, seconds, filters) for seed in seeds], jobs)
+    return {name: np.array([row[name] for row in rows]) for name in filters}
 
 
 def _one_seed(
-    scenario: int, seed: int, seconds: float, names: list[str], filters: dict[str, dict[str, Any]] = FILTERS
+    scenario: int, seed: int, seconds: float, filters: dict[str, dict[str, Any]]
 ) -> dict[str, tuple[float, ...]]:
     compiled()
     scene = walk(scenario, seed, seconds)
-    found: dict[str, tuple[float, ...]] = {}
-    for name in names:
-        run = track(scene, seed, **filters[name])
-        found[name] = (run.rmse, run.anees, run.cost / len(run.nees))
-    return found
+    runs = {name: track(scene, seed, **options) for name, options in filters.items()}
+    return {name: (run.rmse, run.anees, run.cost / len(run.nees)) for name, run in runs.items()}
 
 
 def mean_ms(run: TrackedWalk, *kinds: str) -> float:

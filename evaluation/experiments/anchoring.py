@@ -16,7 +16,13 @@ from matplotlib.figure import Figure
 from evaluation.anchoring import kitti
 from evaluation.anchoring.anchoring_hidden import hidden_run, in_space, through_camera
 from evaluation.anchoring.anchoring_landmarks import LandmarkWorld
-from evaluation.anchoring.anchoring_pictures import CUP_FIGURES, TABLE_FIGURES, draw_ants, draw_shots
+from evaluation.anchoring.anchoring_pictures import (
+    CUP_FIGURES,
+    TABLE_FIGURES,
+    draw_ants,
+    draw_object,
+    draw_shots,
+)
 from evaluation.anchoring.anchoring_recorded import anchored, landmark_run, tracking_run
 from evaluation.anchoring.anchoring_scenes import AntRun, ants, known, play, scenes, walk
 from evaluation.anchoring.anchoring_table import ambiguous_cups, dynamic_table
@@ -48,15 +54,9 @@ STAGES: dict[str, dict[str, Any]] = {"as printed, here": PRINTED, "one hypothesi
 QUICK = ("10 objects", "100 objects, 20 in view", "twins 15 cm apart", "one of 10 removed", "one carried")
 
 
-def _seeds(options: RunOptions, stream: int, count: int) -> list[int]:
-    """Seeds of the runs of one repetition."""
-    seeds: list[int] = np.random.default_rng([options.seed, stream]).integers(2**31, size=count).tolist()
-    return seeds
-
-
 def _scenes(options: RunOptions, report: Report) -> None:
     """Scenes of objects beside WIRE."""
-    (seed,) = _seeds(options, 1, 1)
+    (seed,) = options.draws(1)
     made = scenes(seed)
     if options.quick:
         made = {name: made[name] for name in QUICK}
@@ -91,8 +91,6 @@ def _scenes(options: RunOptions, report: Report) -> None:
 
 def _draw_world(options: RunOptions, seed: int) -> Path:
     """A world from above: symbols, most probable colours and 99 % ellipses of one scene."""
-    from matplotlib.patches import Ellipse
-
     scene = scenes(seed)["20 objects"]
     model = WorldModel(known(scene))
     for seen in scene.looks(100 if options.quick else 600):
@@ -101,23 +99,17 @@ def _draw_world(options: RunOptions, seed: int) -> Path:
     axes = figure.add_subplot()
     for position in seen.truth.values():
         axes.plot(*position[:2], "+", color="black", markersize=8)
-    shades = {"white": "lightgray"}
     for item in state.objects:
         color = item.most_probable("color")
-        values, vectors = np.linalg.eigh(item.covariance[:2, :2])
-        width, height = 2.0 * np.sqrt(9.21 * values)
-        turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
-        x, y = item.position[:2].tolist()
-        axes.plot(x, y, "o", color=shades.get(color, color), markersize=7, alpha=0.6)
-        axes.add_patch(Ellipse((x, y), width, height, angle=turn, fill=False))
-        axes.annotate(item.id, (x, y), xytext=(6, 4), textcoords="offset points", fontsize=7)
+        place = draw_object(axes, item, "lightgray" if color == "white" else color)
+        axes.annotate(item.id, place, xytext=(6, 4), textcoords="offset points", fontsize=7)
     axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
     return saved(figure, options.out / "world-symbols.png", 100)
 
 
 def _walkers(options: RunOptions, report: Report) -> None:
     """Fifty movers, ten in view: how many are told of."""
-    (seed,) = _seeds(options, 7, 1)
+    (seed,) = options.draws(7)
     looks = 200 if options.quick else LOOKS
     rows: list[list[Any]] = []
     for name, turn in (("sensor rests", 0.0), ("sensor turns, 0.4 rad/s", 0.4)):
@@ -146,7 +138,7 @@ def _situations(options: RunOptions, report: Report) -> None:
         ("2.6.1", ", own probabilities", lambda seed: dynamic_table(seed, fixed=False), {}),
         ("2.6.2", "", ambiguous_cups, CUP_FIGURES),
     ):
-        found = [run(seed) for seed in track(_seeds(options, 2, count), f"section {section}{how}")]
+        found = [run(seed) for seed in track(options.draws(2, count), f"section {section}{how}")]
         for k, (name, said, _) in enumerate(found[0][0]):
             share = 100.0 * float(np.mean([each[k][2] for each, _ in found]))
             rows.append([name + how, share, Printed("yes", f"section {section}"), said])
@@ -173,7 +165,7 @@ VIDEO = 113
 def _ants(options: RunOptions, report: Report) -> None:
     """Section 2.6.3, in runs as long as the text's videos and in longer ones."""
     count, looks = options.share(15, 5), 300 if options.quick else 600
-    made = [AntScene(seed=seed) for seed in _seeds(options, 3, count)]
+    made = [AntScene(seed=seed) for seed in options.draws(3, count)]
     found = {
         VIDEO: [ants(scene, VIDEO) for scene in track(made, "ants, as long as the videos")],
         looks: [ants(scene, looks) for scene in track(made, "ants")],
@@ -228,7 +220,7 @@ def _simulated_landmarks(options: RunOptions, report: Report) -> None:
     rows: list[list[Any]] = []
     detections: dict[str, int] = {}
     minutes = 1.5 if options.quick else 15.0
-    (seed,) = _seeds(options, 4, 1)
+    (seed,) = options.draws(4)
     for errors in (True, False):
         world = LandmarkWorld(seed, minutes, errors)
         plain, learned = (anchored(world.sightings(), learn=learn) for learn in (False, True))
@@ -259,12 +251,17 @@ def _landmarks(options: RunOptions, report: Report) -> None:
 KITTI = "objects_3d/kitti_tracking"
 
 
-def _vehicles(options: RunOptions, report: Report) -> None:
-    """Recorded paths of vehicles with simulated detections; rates and accelerations were set for them."""
+def _sequences(options: RunOptions) -> tuple[Path, list[str]]:
+    """Folder and names of the sequences of KITTI."""
     assert options.data is not None
     folder = options.data / KITTI
-    sequences = [path.name.split("_")[1].split(".")[0] for path in sorted(folder.glob("label_*"))]
-    (seed,) = _seeds(options, 5, 1)
+    return folder, [path.name.split("_")[1].split(".")[0] for path in sorted(folder.glob("label_*"))]
+
+
+def _vehicles(options: RunOptions, report: Report) -> None:
+    """Recorded paths of vehicles with simulated detections; rates and accelerations were set for them."""
+    folder, sequences = _sequences(options)
+    (seed,) = options.draws(5)
     rows: list[list[Any]] = []
     switches = np.zeros(2)
     for sequence in sequences[:1] if options.quick else sequences:
@@ -293,10 +290,8 @@ RUNS = (1.0, 10.0, 60.0)
 
 def _hidden(options: RunOptions, report: Report) -> None:
     """Recorded paths with misses by the recorded occlusion; bounds on runs were chosen on 0000, 0002 and 0003."""
-    assert options.data is not None
-    folder = options.data / KITTI
-    sequences = [path.name.split("_")[1].split(".")[0] for path in sorted(folder.glob("label_*"))]
-    (seed,) = _seeds(options, 6, 1)
+    folder, sequences = _sequences(options)
+    (seed,) = options.draws(6)
     columns = ["detections", "sequence", "nearest neighbour: switches ↓", "nearest neighbour: IDF1 ↑"]
     columns += [f"runs of {run:g}: {name}" for run in RUNS for name in ("switches ↓", "IDF1 ↑")]
     rows: list[list[Any]] = []

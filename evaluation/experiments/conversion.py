@@ -188,7 +188,7 @@ def where_k_fails(options: RunOptions, report: Report) -> None:
 
 def drive(options: RunOptions, report: Report) -> None:
     """Figure 6.11."""
-    simulated = driving.drive(int(np.random.default_rng([options.seed, 4]).integers(2**31)))
+    simulated = driving.drive(*options.draws(4))
     if options.quick:
         simulated = driving.RecordedDrive(
             simulated.stamps[::10], simulated.path[::10], simulated.covariances[::10]
@@ -216,10 +216,11 @@ def comparison(options: RunOptions, report: Report) -> None:
     """Section 6.8.2: error and consistency of the filters on the same walks."""
     rows: list[list[object]] = []
     count = options.share(40, 6)
-    seeds = np.random.default_rng([options.seed, 5]).integers(2**31, size=count).tolist()
+    seeds = options.draws(5, count)
     for scenario, seconds in {1: 6.0, 2: 12.0, 3: 12.0}.items():
-        names = list(tracking.FILTERS)
-        found = tracking.paired(scenario, seeds, 4.0 if options.quick else seconds, names, options.jobs)
+        found = tracking.paired(
+            scenario, seeds, 4.0 if options.quick else seconds, tracking.FILTERS, options.jobs
+        )
         ours = found["switching"]
         for name, values in found.items():
             less: list[object] = [
@@ -259,8 +260,8 @@ def comparison(options: RunOptions, report: Report) -> None:
 def between(options: RunOptions, report: Report) -> None:
     """Is there room for a mode between the Kalman filter and 250 samples?"""
     count = options.share(5, 5)
-    seeds = np.random.default_rng([options.seed, 6]).integers(2**31, size=count).tolist()
-    found = tracking.between(seeds, 2.0 if options.quick else 12.0, options.jobs)
+    seeds = options.draws(6, count)
+    found = tracking.paired(2, seeds, 2.0 if options.quick else 12.0, tracking.BETWEEN, options.jobs)
     plain = found["always Kalman"]
     rows: list[list[object]] = [
         [

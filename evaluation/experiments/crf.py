@@ -221,10 +221,9 @@ def _poses(options: RunOptions, report: Report) -> None:
     methods: dict[str, Callable[[Scan, Scan], np.ndarray]] = {
         "without movers": lambda a, b: model.infer(a, b).motions[0],
         "robust": lambda a, b: align(a, b).transform,
-        "icp": lambda a, b: align(a, b, method="icp").transform,
-        "point_to_line": lambda a, b: align(a, b, method="point_to_line").transform,
-        "ndt": lambda a, b: align(a, b, method="ndt").transform,
     }
+    for name in ("icp", "point_to_line", "ndt"):
+        methods[name] = lambda a, b, method=name: align(a, b, method=method).transform  # type: ignore[misc]
     rng = np.random.default_rng([options.seed, 8])
     pairs = random_labelled_pairs(rng, "crowd", count, lidar=LIDARS["361 beams, 360°"])
     pairs = [pair for pair in pairs if align(pair.scan_a, pair.scan_b).converged]

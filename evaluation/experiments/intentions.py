@@ -233,7 +233,7 @@ def timing(options: RunOptions, report: Report) -> None:
     learned = 100 if options.quick else 500
     for method in ("routes", "ghmm"):
         model = IntentionModel(IntentionConfig(method=method))
-        walks = simulated_walks(int(np.random.default_rng([options.seed, 2]).integers(2**31)), learned + 40)
+        walks = simulated_walks(options.draws(2)[0], learned + 40)
         for walk in walks[:learned]:
             model.learn(walk)
         partials = [walk[: len(walk) // 2] for walk in walks[learned : learned + 20]]

@@ -53,7 +53,7 @@ def live_day(seed: int, maintained: float = MAINTAINED) -> Day:
 def _days(options: RunOptions, report: Report) -> None:
     """Both questions about the same days."""
     count = options.share(DAYS, QUICK_DAYS)
-    seeds = np.random.default_rng([options.seed, 29]).integers(2**31, size=count).tolist()
+    seeds = options.draws(29, count)
     maintained = 120.0 if options.quick else MAINTAINED
     found = each(live_day, [(seed, maintained) for seed in seeds], options.jobs, "days")
     report.tables += [_search_table(found), _maintenance_table(found, maintained)]

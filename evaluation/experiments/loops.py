@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -280,14 +280,15 @@ PARTS = {
     "within": Part(_part(within_recordings, _resolution), needs=NEEDS),
     "features": Part(
         _part(
-            lambda o, r, d: training_rounds(o, r, d, rule_of),
-            lambda o, r, d: informative_features(o, r, d, rule_of),
-            lambda o, r, d: repetitive_structure(o, r, d, rule_of),
+            *(
+                partial(function, rule_of=rule_of)
+                for function in (training_rounds, informative_features, repetitive_structure)
+            )
         ),
         random=False,
         needs=NEEDS,
     ),
-    "across": Part(_part(lambda o, r, d: across_places(o, r, d, rule_of)), quick_seeds=3, needs=NEEDS),
+    "across": Part(_part(partial(across_places, rule_of=rule_of)), quick_seeds=3, needs=NEEDS),
     "likelihoods": Part(_part(translation, likelihood_matrix, retrieval), random=False, needs=NEEDS),
     "shipped": Part(_shipped, random=False),
     "unseen": Part(_unseen, needs=(LOGS["csail"],)),

@@ -46,7 +46,7 @@ COLUMNS = [
 
 def _thresholds(options: RunOptions, report: Report) -> None:
     """Figures 3.4 and 3.5, and what becomes of them without tours and by the text's own rule."""
-    rooms = _rooms(options, options.share(250, 30))
+    rooms = options.draws(1, options.share(250, 30))
     benchmarks = _benchmarks(options, rooms)
     thresholds = (5.0, 9.0, 15.0) if options.quick else THRESHOLDS
     found = {
@@ -70,7 +70,7 @@ def _thresholds(options: RunOptions, report: Report) -> None:
 
 def _weights(options: RunOptions, report: Report) -> None:
     """Figure 3.6."""
-    rooms = _rooms(options, options.share(250, 30))
+    rooms = options.draws(1, options.share(250, 30))
     weights = (0.25, 0.75, 1.5) if options.quick else WEIGHTS
     found = _many(options, [_config(8.0, weight) for weight in weights], rooms, "weights")
     title = "Relative weight of the cost, IG_thr = 8 nat"
@@ -79,14 +79,8 @@ def _weights(options: RunOptions, report: Report) -> None:
     _draw(options.out, report, weights, {"maintenance": found}, benchmarks, "figure-3-6", "ω")
 
 
-def _rooms(options: RunOptions, count: int) -> list[int]:
-    """Seeds of the rooms of one repetition."""
-    seeds: list[int] = np.random.default_rng([options.seed, 1]).integers(2**31, size=count).tolist()
-    return seeds
-
-
 def _benchmarks(options: RunOptions, rooms: list[int]) -> Benchmarks:
-    found = _many(options, [("fixed", "given"), ("fixed", "tour")], rooms)
+    found = _many(options, ["given", "tour"], rooms)
     return dict(zip(("fixed path", "shortest tour"), found, strict=True))
 
 
@@ -97,21 +91,20 @@ def _config(threshold: float, weight: float = 0.75, **changes: float) -> Mainten
     return replace(plain, **changes)  # type: ignore[arg-type]
 
 
-def _one(plan: RoomPlan, how: object, seed: int) -> TourAccount:
+def _one(plan: RoomPlan, how: MaintenanceConfig | str, seed: int) -> TourAccount:
     if isinstance(how, MaintenanceConfig):
         return maintained(plan, seed, how)
-    assert isinstance(how, tuple)
-    return fixed_path(plan, seed, how[1])
+    return fixed_path(plan, seed, how)
 
 
 def _many(
-    options: RunOptions, ways: Sequence[object], seeds: list[int], label: str = "benchmark", plan: RoomPlan = PLAN
+    options: RunOptions, ways: Sequence[MaintenanceConfig | str], seeds: list[int],
+    label: str = "benchmark", plan: RoomPlan = PLAN,
 ) -> list[list[TourAccount]]:  # fmt: skip
     """Accounts of every way over all seeds, in parallel."""
-    results = []
-    for how in track(list(ways), label):
-        results.append(each(_one, [(plan, how, seed) for seed in seeds], options.jobs))
-    return results
+    return [
+        each(_one, [(plan, how, seed) for seed in seeds], options.jobs) for how in track(list(ways), label)
+    ]
 
 
 def _mean(runs: Sequence[TourAccount | PrintedRun], quantity: str) -> float:
@@ -155,7 +148,7 @@ def _cells(accounts: list[TourAccount], fixed: list[TourAccount]) -> list[float]
 
 def _sensors(options: RunOptions, report: Report) -> None:
     """A precise short sensor, a wide coarse one, and both."""
-    rooms = _rooms(options, options.share(50, 20))
+    rooms = options.draws(1, options.share(50, 20))
     rows: list[list[object]] = []
     for name, sensors in (("camera", (PRECISE,)), ("laser", (WIDE,)), ("both", (PRECISE, WIDE))):
         plan = replace(PLAN, sensors=sensors)
@@ -177,7 +170,7 @@ def _printed_runs(options: RunOptions, rooms: list[int], rule: PrintedRule, how:
 
 def _as_printed(options: RunOptions, report: Report) -> None:
     """Figures 3.4 and 3.6 by the rule without anticipation, stand-off and tours, as fast as Figure 3.7 implies."""
-    rooms = _rooms(options, options.share(250, 50))
+    rooms = options.draws(1, options.share(250, 50))
     fixed = _printed_runs(options, rooms, PrintedRule(), "fixed")
     rows: list[list[object]] = []
     far = _mean(fixed, "distance")
@@ -215,9 +208,9 @@ def _as_printed(options: RunOptions, report: Report) -> None:
 
 def _counts(options: RunOptions, report: Report) -> None:
     """Figure 3.7: how often objects were updated and gone to with ω = 1."""
-    rooms = _rooms(options, options.share(50, 20))
+    rooms = options.draws(1, options.share(50, 20))
     ours, singly = _many(options, [_config(8.0, 1.0), _config(8.0, 1.0, tour=0.0)], rooms, "one run")
-    theirs = _many(options, [("fixed", "given")], rooms)[0]
+    theirs = _many(options, ["given"], rooms)[0]
     rule = PrintedRule(8.0, 1.0)
     printed = {how: _printed_runs(options, rooms, rule, how) for how in ("rule", "rule, looking on", "fixed")}
     rows: list[list[object]] = []
@@ -276,7 +269,7 @@ def _draw_counts(out: Path, runs: dict[str, list[PrintedRun]]) -> Path:
 def _cat(options: RunOptions, report: Report) -> None:
     """Section 3.8.1, Figures 3.9 and 3.10."""
     count = options.share(20, 5)
-    seeds = np.random.default_rng([options.seed, 2]).integers(2**31, size=count).tolist()
+    seeds = options.draws(2, count)
     rules = {
         "as printed, Kalman filter": scenes.watch,
         "as printed, particles (3.4)": scenes.watch_with_particles,
@@ -311,7 +304,7 @@ def _watched_by_ours(scene: scenes.Film, seed: int) -> scenes.Watched:
 def _clean_up(options: RunOptions, report: Report) -> None:
     """Section 3.8.2, Table 3.2: who looks at what, and when."""
     count = options.share(50, 20)
-    seeds = np.random.default_rng([options.seed, 3]).integers(2**31, size=count).tolist()
+    seeds = options.draws(3, count)
     runs = [scenes.clean_up(seed) for seed in seeds]
     rows: list[list[object]] = []
     for k, stage in enumerate(scenes.STAGES):

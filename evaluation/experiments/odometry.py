@@ -9,10 +9,10 @@ nothing. Simulated floors say whether the published covariances are right.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from estimation.geometry.poses import between, compound, wrap_angle
 from estimation.metrics.statistics import absolute_trajectory_error, anees_bounds
 from evaluation.peers.point_to_line import PointToLine
-from evaluation.registration.odometry_people import WithoutMovers, drive_among
+from evaluation.registration.odometry_people import WithoutMovers, drive_among, with_wheels
 from evaluation.registration.odometry_wheels import FAULTS, with_faults
 from evaluation.report import Part, Report, RunOptions, Table
-from registration import Odometry, OdometryConfig, Scan
+from registration import Odometry, OdometryConfig
 from whereabouts.logs import OdometryRecord, ScanRecord, open_log
 from whereabouts.recorded.follow import follow as follow_log
 from whereabouts.simulation import Drive, Lidar, Shapes, Wheels, random_floor
@@ -56,15 +56,6 @@ LENGTH = 20.0  # metres over which relative errors are taken
 COLUMNS = ["ATE, m ↓", "20 m error, % ↓", "turn, °/m ↓", "unsure scans", "speed, scans/s ↑"]
 
 
-class OdometryMethod(Protocol):
-    """What follows one scanner: `registration.Odometry` and `PointToLine`."""
-
-    @property
-    def unsure(self) -> bool: ...
-
-    def register(self, measurement: Scan, stamp: float, guess: Array | None = None) -> Array: ...
-
-
 @dataclass
 class OdometryRun:
     """Poses (N, 3), seconds per scan, how many scans were unsure."""
@@ -78,7 +69,7 @@ def follow(
     records: list[ScanRecord], wheels: bool, config: OdometryConfig | None = None, by: Any = None
 ) -> OdometryRun:
     """Odometry over scans, with the motion of the wheels as guess or without; `by` follows in its place."""
-    odometry: OdometryMethod = by or Odometry(config)
+    odometry: Any = by or Odometry(config)
     poses, seconds, unsure = [], [], 0
     last: Array | None = None
     for record in records:
@@ -93,9 +84,8 @@ def follow(
     return OdometryRun(np.array(poses), np.array(seconds), unsure)
 
 
-def noisy(records: list[ScanRecord], seed: int | Sequence[int], sigma: float = 0.01) -> list[ScanRecord]:
+def noisy(records: list[ScanRecord], rng: np.random.Generator, sigma: float) -> list[ScanRecord]:
     """The same scans with noise of `sigma` m added to their ranges."""
-    rng = np.random.default_rng(seed)
     return [
         replace(r, scan=replace(r.scan, ranges=r.scan.ranges + rng.normal(0.0, sigma, len(r.scan))))
         for r in records
@@ -115,17 +105,17 @@ def joined(raw: list[ScanRecord], corrected: list[ScanRecord]) -> NDArray[np.int
     return index
 
 
-def relative_errors(estimate: Array, truth: Array, length: float = LENGTH) -> tuple[float, float]:
-    """Median error over `length` metres of path: share of the length, radians per metre."""
+def relative_errors(estimate: Array, truth: Array) -> tuple[float, float]:
+    """Median error over `LENGTH` metres of path: share of the length, radians per metre."""
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T))))
     away, turn = [], []
     for k in range(0, len(truth), 3):
-        end = int(np.searchsorted(along, along[k] + length))
+        end = int(np.searchsorted(along, along[k] + LENGTH))
         if end >= len(truth):
             break
         error = between(between(truth[k], truth[end]), between(estimate[k], estimate[end]))
-        away.append(np.hypot(error[0], error[1]) / length)
-        turn.append(abs(error[2]) / length)
+        away.append(np.hypot(error[0], error[1]) / LENGTH)
+        turn.append(abs(error[2]) / LENGTH)
     return (float(np.median(away)), float(np.median(turn))) if away else (float("nan"), float("nan"))
 
 
@@ -206,8 +196,8 @@ def _noise(options: RunOptions, report: Report) -> None:
     records = _records(options.data / "carmen" / name)
     truth = np.array([record.pose for record in records])
     rows: list[list[object]] = []
-    for label, make in _corridors(options, records).items():
-        outcome = follow(make(), False)
+    for k, (label, sigma) in enumerate({"1 mm": 0.001, "1 cm": 0.01}.items()):
+        outcome = follow(noisy(records, np.random.default_rng([options.seed, k]), sigma), False)
         rows.append([label, *errors(outcome, outcome.poses, truth)])
     report.add(
         "An endless corridor again, with noise on its ranges",
@@ -218,14 +208,6 @@ def _noise(options: RunOptions, report: Report) -> None:
         data="tuned on",
         samples=len(records),
     )
-
-
-def _corridors(options: RunOptions, records: list[ScanRecord]) -> dict[str, Callable[[], list[ScanRecord]]]:
-    kinds = {"1 mm": 0.001, "1 cm": 0.01}
-    return {
-        label: lambda sigma=sigma, k=k: noisy(records, [options.seed, k], sigma)  # type: ignore[misc]
-        for k, (label, sigma) in enumerate(kinds.items())
-    }
 
 
 def simulated_floor(seed: int | Sequence[int], rooms: int, lidar: Lidar) -> tuple[list[ScanRecord], Array]:
@@ -239,19 +221,9 @@ def drive_through(
     shapes: Shapes, drive: Drive, lidar: Lidar, rng: np.random.Generator
 ) -> tuple[list[ScanRecord], Array]:
     """Scans of a drive, with wheel odometry, and the true poses."""
-    wheels = Wheels()
-    records: list[ScanRecord] = []
-    truth: list[Array] = []
-    reported = np.zeros(3)
-    for stamp in np.arange(0.0, drive.duration, 0.2):
-        pose = drive(stamp)
-        seen = lidar.scan(shapes, drive if lidar.sweep_time else pose, rng, float(stamp))
-        if truth:
-            step = wheels.motion(truth[-1], pose, rng)
-            reported = compound(reported, step)
-        records.append(ScanRecord(seen.scan, float(stamp), odometry=reported))
-        truth.append(pose)
-    return records, np.array(truth)
+    stamps = np.arange(0.0, drive.duration, 0.2).tolist()
+    scans = (lidar.scan(shapes, drive if lidar.sweep_time else drive(at), rng, at).scan for at in stamps)
+    return with_wheels(((scan, drive(scan.stamp)) for scan in scans), rng)
 
 
 def _small(options: RunOptions, report: Report) -> None:

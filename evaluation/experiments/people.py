@@ -19,7 +19,6 @@ from evaluation.people.people_judging import (
     figures_of_scenes,
     follow_person,
     hidden_kept,
-    judge_everybody,
     judge_home,
     judge_scene,
     phantoms,
@@ -145,7 +144,7 @@ def _to_and_fro(options: RunOptions, report: Report) -> None:
             judged = []
             for k in track(range(few), f"{name}, {body}"):
                 rng = np.random.default_rng([options.seed, 5, k])
-                judged.append(judge_everybody(to_and_fro(rng, name, body), rng))
+                judged.append(judge_scene(to_and_fro(rng, name, body), rng, everybody=True))
             figures = figures_of_scenes(judged)
             # A second after the first scan, everybody in view can be known.
             later = float(np.mean([value for item in judged for value in item.ospa[10:]]))
@@ -168,7 +167,7 @@ def _occlusions(options: RunOptions, report: Report) -> None:
             for k in track(range(few), f"hidden now and then, {body}"):
                 rng = np.random.default_rng([options.seed, 4, k])
                 kind = OcclusionKind(str(rng.choice(LAYOUTS)), str(rng.choice(MOTIONS)), body, drives)
-                judged.append(judge_everybody(occlusions(rng, kind), rng))
+                judged.append(judge_scene(occlusions(rng, kind), rng, everybody=True))
             rows.append([body, f"robot {'drives' if drives else 'stands'}", *figures_of_scenes(judged)])
     note = (
         "Two to four people for 20 s; everybody counts from the first scan on, hidden or not. Wanted: OSPA 0.12 m, "

@@ -43,11 +43,6 @@ WALKS = {
 }
 
 
-def _parallel(options: RunOptions, what: str, function: Any, calls: list[tuple[Any, ...]]) -> list[Any]:
-    """The function's results in order, on the processes of the options, with progress."""
-    return each(function, calls, options.jobs, what)
-
-
 def _figure_3(options: RunOptions, report: Report) -> None:
     """OSPA and cardinality over time, extended against point targets, distances against K-means."""
     count = options.share(100, 5)
@@ -59,7 +54,7 @@ def _figure_3(options: RunOptions, report: Report) -> None:
         clusters = CLUSTERS if find_spec("stonesoup") else {}
         for name, settings in (FILTERS | STAGES | K_MEANS | POINTS | clusters).items():
             calls = [(scene, settings, [options.seed, number, r]) for r in range(count)]
-            runs[name] = np.array(_parallel(options, f"{title}: {name}", monte_carlo.follow, calls))
+            runs[name] = np.array(each(monte_carlo.follow, calls, options.jobs, f"{title}: {name}"))
             values = runs[name]
             expected, reported = values[:, :, 1] - truth, values[:, :, 2] - truth
             numbers = (values[:, :, 0].mean(), values[:, :, 0].std(), expected.mean(), reported.mean())
@@ -99,7 +94,7 @@ def _crossings(options: RunOptions, report: Report) -> None:
     compared = (FILTERS | STAGES).items()
     for name, settings in [one for one in compared if one[0] != "as printed, one partition"]:
         calls = [(settings, [options.seed, 2, r]) for r in range(count)]
-        kept = _parallel(options, f"crossings: {name}", monte_carlo.crossing_kept, calls)
+        kept = each(monte_carlo.crossing_kept, calls, options.jobs, f"crossings: {name}")
         rows.append([name, 100.0 * float(np.mean(kept))])
     note = (
         "Two targets meet at 30° to 150°; labels 12 scans before and after. The text's filter has no labels; these are "
@@ -124,7 +119,7 @@ def _figure_4(options: RunOptions, report: Report) -> None:
     for walk, (speed, away) in WALKS.items():
         for name, (settings, variable) in hiding.FILTERS.items():
             calls = [(settings, variable, [options.seed, 3, r], speed, away) for r in range(count)]
-            runs = _parallel(options, f"hidden person: {name}", hiding.follow, calls)
+            runs = each(hiding.follow, calls, options.jobs, f"hidden person: {name}")
             hidden = float(np.mean([run.hidden.sum() * PERIOD for run in runs]))
             followed, kept = (
                 100.0 * float(np.mean([getattr(run, what) for run in runs])) for what in ("followed", "kept")
@@ -172,7 +167,7 @@ def _recorded(options: RunOptions, report: Report) -> None:
             numbers = recorded.realisations(path)[: 4 if options.quick else None]
             used = len(numbers)
             calls = [(path, r, settings) for r in numbers]
-            done = _parallel(options, f"{scene}: {name}", recorded.follow, calls)
+            done = each(recorded.follow, calls, options.jobs, f"{scene}: {name}")
             values.append(float(np.mean([score.mean_ospa for score, _ in done])))
             biases.append(float(np.mean([score.count_bias for score, _ in done])))
             # The first scans load compiled code.

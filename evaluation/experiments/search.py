@@ -198,7 +198,7 @@ def _all(
 ) -> Outcomes:  # fmt: skip
     """Per strategy and view scale, (failed, length) of every room and corner."""
     results: Outcomes = {name: [] for name in strategies}
-    seeds = np.random.default_rng([options.seed, 5]).integers(2**31, size=rooms).tolist()
+    seeds = options.draws(5, rooms)
     for scale in track(list(scales), label):
         calls = [(seed, relations, scale, strategies, width) for seed in seeds]
         runs = each(_room_outcomes, calls, options.jobs)
@@ -292,7 +292,7 @@ def _homes(options: RunOptions, report: Report) -> None:
     """Homes of several rooms."""
     count = options.share(500, 100)
     relations = learned_homes(options.seed, 60)
-    seeds = np.random.default_rng([options.seed, 6]).integers(2**31, size=count).tolist()
+    seeds = options.draws(6, count)
     lengths = np.array(each(_home_outcomes, [(seed, relations) for seed in seeds], options.jobs, "homes"))
     names = ("search", "most floor per metre, by rooms", "most floor per metre")
     rows: list[list[object]] = [

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.metrics.statistics import absolute_trajectory_error, relations_error
+from estimation.metrics.statistics import absolute_trajectory_error
 from evaluation.experiments.odometry import CORRECTED, NEEDS, RAW
 from evaluation.report import Part, Printed, Report, RunOptions, Table
 from evaluation.slam import (
@@ -28,18 +28,17 @@ from evaluation.slam import (
     slam_shaken,
 )
 from evaluation.slam.slam_direct import Direct, check, single_errors
-from evaluation.slam.slam_following import followed, mapped
+from evaluation.slam.slam_following import followed, followed_log, mapped
 from evaluation.slam.slam_judging import (
-    CLOSE,
     Followed,
     against_scans,
+    closures_of,
     false_closures,
     jitter,
+    judged_row,
     keyframe_truth,
-    largest_miss,
-    recall,
-    recall_with_overlap,
-    relations_of,
+    misses,
+    recalls,
     with_scale,
     worth,
 )
@@ -96,7 +95,7 @@ def _logs(options: RunOptions, report: Report) -> None:
     single: list[list[object]] = []
     samples: dict[str, int] = {}
     for name in track(names, "logs"):
-        log = followed(folder / name, folder / RAW[name] if name in RAW else None, name in RAW)
+        log = followed_log(folder, name)
         direct = Direct([record.scan for record in log.records])
         samples[name] = len(log.records)
         single.append(_single(name, log, direct))
@@ -190,33 +189,21 @@ def _row(
     slam, estimate, elapsed = mapped(log, graph)
     known = np.flatnonzero(np.isfinite(log.truth[:, 0]))
     truth = log.truth[known]
-    before = absolute_trajectory_error(log.poses[known, :2], truth[:, :2]).rmse
-    after = absolute_trajectory_error(estimate[known, :2], truth[:, :2]).rmse
     scaled = with_scale(estimate[known, :2], truth[:, :2])
-    places = keyframe_truth(slam, log)
-    false = false_closures(slam, places, tolerance)
-    (closed, revisits), overlapping = recall(slam, places), recall_with_overlap(slam, places)
-    relations = relations_error(*relations_of(estimate[known], truth), tolerance=0.5)
-    close = relations_error(*relations_of(estimate[known], truth, *CLOSE), tolerance=0.5)
+    places, pairs = keyframe_truth(slam, log), closures_of(slam)
+    missed, recalled = misses(log, pairs), recalls(slam, places)
     scans, odometry = against_scans(slam, places), worth(slam, places)
     # The other logs have no times of their own.
     ratio: object = ""
     if name in RAW:
         ratio = float(np.ptp([record.stamp for record in log.records])) / elapsed
-    row: list[object] = [
-        name, kind, float(before), float(after), len(slam.closures), len(false),
-        largest_miss(slam, places),
-        100.0 * closed / max(revisits, 1), 100.0 * overlapping[0] / max(overlapping[1], 1),
-        float(relations.translation_mean), float(relations.translation_std),
-        float(np.degrees(relations.rotation_mean)), float(close.translation_mean), ratio, len(slam.keyframes),
-    ]  # fmt: skip
+    row = judged_row(name, kind, log, estimate, missed, tolerance, *recalled, ratio, len(slam.keyframes))
     about: list[object] = [
         name, kind, jitter(log.poses[known], truth), 100.0 * (scaled[0] - 1.0), scaled[1],
         float(scans[0, 0]), float(np.degrees(scans[0, 1])), float(scans[1, 0]), float(np.degrees(scans[1, 1])),
         odometry[0], odometry[1],
     ]  # fmt: skip
-    first = slam.first_visits()
-    pairs = [(first[c.earlier], first[c.later], c.relative) for c in slam.closures]
+    false = false_closures(missed, tolerance)
     found = check(log, direct, pairs, false)
     checked: list[object] = [
         name, kind, len(pairs), len(false), found.checked, found.off, found.both, found.cleared
@@ -242,23 +229,14 @@ def _killian(options: RunOptions, report: Report) -> None:
     node = slam_as_node.row("killian.g2o", "as the node", log, run, 3.0)
     plain = slam_as_node.row("killian.g2o", slam_proximity.KIND, log, slam_proximity.driven(log), 3.0)
     report.add("Killian Court", COLUMNS, [row, node, plain], NOTE, "killian", data=JUDGED, samples=scans)
-    second = replace(
-        _checked([checked], scans),
-        title="Closures of Killian Court by a second judge",
-        name="killian-checked",
-    )
-    report.tables.append(second)
-    single = _singles([_single("killian.g2o", log, direct)], scans)
-    report.tables.append(
-        replace(single, title="Outliers among single poses, Killian Court", name="killian-single-poses")
-    )
-    report.tables.append(
-        replace(
+    report.tables += [
+        replace(table, title=f"{table.title}, Killian Court", name=f"killian-{table.name}")
+        for table in (
+            _checked([checked], scans),
+            _singles([_single("killian.g2o", log, direct)], scans),
             _about([about], scans),
-            title="Quality of the reference and of odometry, Killian Court",
-            name="killian-reference",
         )
-    )
+    ]
 
 
 def _outdoor(options: RunOptions, report: Report) -> None:

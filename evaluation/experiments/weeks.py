@@ -169,7 +169,7 @@ def _memory() -> float:
 def _weeks(options: RunOptions, report: Report) -> None:
     """Searches, answers, store and memory."""
     days = QUICK_DAYS if options.quick else DAYS
-    (seed,) = np.random.default_rng([options.seed, 60]).integers(2**31, size=1).tolist()
+    (seed,) = options.draws(60)
     found = live_weeks(seed, days)
     searched, moved = np.array(found.searched), np.array(found.moved)
     rows = []

@@ -122,7 +122,7 @@ def more_walks(options: RunOptions, report: Report, walks: list[Array], names: d
 def simulated_days(options: RunOptions, report: Report, names: dict[str, str]) -> None:
     """Correct exits online on days of 510 walks, as many as on the text's day."""
     count = 60 if options.quick else 510
-    day = simulated_day(int(np.random.default_rng([options.seed, 4]).integers(2**31)), count)
+    day = simulated_day(options.draws(4)[0], count)
     rows, sure = correct("simulated day", [day], names)
     note = f"Six exits, {count} walks, habits drawn anew for each day. {ONLINE}"
     columns = ["walks", "method", *COLUMNS]

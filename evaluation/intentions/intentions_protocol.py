@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from evaluation.intentions.trajectories import EDINBURGH_METRES
 from tracking.intentions import IntentionConfig, IntentionModel
+from tracking.intentions.observations import at_times
 from tracking.intentions.printed import PrintedModel
 from tracking.intentions.routes import Routes, RouteScales
 from tracking.intentions.walking_motion import estimate
@@ -163,11 +164,7 @@ def swing(walks: list[Array], method: str, count: int = 40) -> Array:
             path = (fresh if method == "linear" else model).predict(seen, 5.5).path
             if last is not None:
                 times = np.linspace(t, t + 5.0, 11)
-                now, before = (
-                    np.column_stack([np.interp(times, p[:, 2], p[:, a]) for a in (0, 1)])
-                    for p in (path, last)
-                )
-                moved.append(float(np.hypot(*(now - before).T).mean()))
+                moved.append(float(np.hypot(*(at_times(path, times) - at_times(last, times)).T).mean()))
             last = path
         if method != "linear":
             model.learn(walk)
@@ -217,9 +214,7 @@ def displacement(
                     if other != label and track[0, 2] <= now <= track[-1, 2]
                 ]
             told = model.predict(rows[:k], 4.8, others=beside)
-            guess = np.column_stack(
-                [np.interp(truth[:, 2], told.path[:, 2], told.path[:, a]) for a in (0, 1)]
-            )
+            guess = at_times(told.path, truth[:, 2])
             index = np.searchsorted(told.path[:, 2], truth[:, 2] - 1e-6).clip(max=len(told.path) - 1)
             e = guess - truth[:, :2]
             squares.append(np.einsum("ti,tij,tj->t", e, np.linalg.inv(told.covariances[index]), e))

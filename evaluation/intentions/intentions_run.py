@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from evaluation.intentions.intentions_protocol import FIRST, FRACTIONS, part
 from tracking.intentions import IntentionModel
-from tracking.intentions.observations import clean
+from tracking.intentions.observations import at_times, clean
 
 Array = NDArray[np.float64]
 
@@ -67,10 +67,7 @@ def learn_and_predict(
             seen = part(rows, 0.5)
             then = seen[-1, 2] + horizon
             if then <= rows[-1, 2]:
-                truth, guess = (
-                    np.array([np.interp(then, p[:, 2], p[:, a]) for a in (0, 1)])
-                    for p in (rows, model.predict(seen, horizon).path)
-                )
+                truth, guess = (at_times(p, then)[0] for p in (rows, model.predict(seen, horizon).path))
                 first = seen[np.searchsorted(seen[:, 2], seen[-1, 2] - 3.2)]
                 elapsed = max(seen[-1, 2] - first[2], 1e-6)
                 constant = seen[-1, :2] + (seen[-1] - first)[:2] * (horizon / elapsed)

@@ -14,6 +14,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from tracking.intentions.observations import at_times
 from tracking.intentions.walking_motion import estimate
 from tracking.prediction.social_forces import Forces, Walker, simulate
 
@@ -96,7 +97,7 @@ def _scenes(trajectories: Sequence[FloatArray], count: int) -> list[_Scene]:
             motion = estimate(rows[rows[:, 2] <= moment], 1.5, 0.06)
             now = float(rows[rows[:, 2] <= moment][-1, 2])
             walkers.append(Walker(motion.state, rows[-1:, :2], motion.speed, None, 1e-3))
-            truths.append(np.column_stack([np.interp(now + times, rows[:, 2], rows[:, k]) for k in (0, 1)]))
+            truths.append(at_times(rows, now + times))
         if walkers:
             made.append(_Scene(walkers, truths, times))
     return made

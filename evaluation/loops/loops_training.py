@@ -30,6 +30,8 @@ Say = Callable[[str], None]
 SIMULATED = "simulated floor"
 # Two single scans of opposite headings have nothing in common to learn from.
 SCAN_TURN = math.radians(45.0)
+# At which a model is judged, m, and by how many pairs at most.
+DISTANCES, POSITIVES, NEGATIVES = (1.0, 2.0, 3.0), 2000, 12_000
 
 
 def train_on_logs(
@@ -104,9 +106,6 @@ def left_out(
     sets: Sequence[Examples],
     recordings: Sequence[Recording],
     config: CascadeConfig,
-    distances: Sequence[float] = (1.0, 2.0, 3.0),
-    positives: int = 2000,
-    negatives: int = 12_000,
     jobs: int = 1,
 ) -> list[dict[str, Any]]:
     """D in % at 0, 0.1 and 1 % FA on each recording, by a model trained without its environment.
@@ -116,12 +115,11 @@ def left_out(
     """
     single = len(recordings) // 2 if len({r.name for r in recordings}) < len(recordings) else len(recordings)
     environments = list(dict.fromkeys(s.environment for s in sets if s.environment != SIMULATED))
-    how = (config, single, distances, positives, negatives)
     calls = [
         (
             [s for s in sets if s.environment != environment],
-            [(k, r) for k, r in enumerate(recordings) if r.environment == environment],
-            how,
+            [(k < single, r) for k, r in enumerate(recordings) if r.environment == environment],
+            config,
         )
         for environment in environments
     ]
@@ -129,34 +127,24 @@ def left_out(
 
 
 def _left_out_place(
-    others: Sequence[Examples], own: Sequence[tuple[int, Recording]], how: tuple[Any, ...]
+    others: Sequence[Examples], own: Sequence[tuple[bool, Recording]], config: CascadeConfig
 ) -> list[dict[str, Any]]:
-    """What a model trained on the other places reaches on the recordings, each with its number, of one."""
-    config, single, distances, positives, negatives = how
+    """What a model trained on the other places reaches on those of one, each told whether it is of single scans."""
     model, found = fit_cascade(others, config), []
-    for k, recording in own:
-        turn = SCAN_TURN if k < single else config.rule.max_turn
-        kinds = "scans, 45°" if k < single else f"local maps, {math.degrees(turn):.0f}°"
-        curves = _curves(model, recording, config, turn, distances, positives, negatives)
-        for distance, curve in zip(distances, curves, strict=True):
+    for alone, recording in own:
+        turn = SCAN_TURN if alone else config.rule.max_turn
+        kinds = "scans, 45°" if alone else f"local maps, {math.degrees(turn):.0f}°"
+        for distance, curve in zip(DISTANCES, _curves(model, recording, config, turn), strict=True):
             figures = {"log": recording.name, "places": kinds, "distance_m": distance}
             found.append({**figures, "positives": curve.positives, "detection": rates(curve)})
     return found
 
 
-def _curves(
-    model: PlaceModel,
-    recording: Recording,
-    config: CascadeConfig,
-    turn: float,
-    distances: Sequence[float],
-    positives: int,
-    negatives: int,
-) -> list[Roc]:
+def _curves(model: PlaceModel, recording: Recording, config: CascadeConfig, turn: float) -> list[Roc]:
     """Curves at several distances; every pair is scored once. Negative are all pairs that are not positive."""
-    rules = [replace(config.rule, distance=distance, max_turn=turn, apart=0.0) for distance in distances]
-    near = [recording.pairs(rule, 0, positives, config.seed) for rule in rules]
-    far = recording.pairs(rules[0], negatives, 0, config.seed)
+    rules = [replace(config.rule, distance=distance, max_turn=turn, apart=0.0) for distance in DISTANCES]
+    near = [recording.pairs(rule, 0, POSITIVES, config.seed) for rule in rules]
+    far = recording.pairs(rules[0], NEGATIVES, 0, config.seed)
     pairs = Pairs(
         *(np.concatenate([getattr(p, f) for p in (*near, far)]) for f in ("first", "second", "same"))
     )
@@ -164,7 +152,7 @@ def _curves(
     apart = np.linalg.norm(recording.poses[far.first, :2] - recording.poses[far.second, :2], axis=1)
     ends = np.cumsum([len(p) for p in near])
     curves = []
-    for k, distance in enumerate(distances):
+    for k, distance in enumerate(DISTANCES):
         true = scores[ends[k] - len(near[k]) : ends[k]]
         false = scores[ends[-1] :][apart >= distance]
         curves.append(roc(np.concatenate((true, false)), np.repeat([1, 0], [len(true), len(false)])))

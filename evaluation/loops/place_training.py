@@ -143,19 +143,19 @@ def examples(recording: Recording, config: CascadeConfig) -> Examples:
     database = PlaceDatabase(recording.places, wide=True)
     positives = drawn.positives
     start = np.arange(min(len(drawn), positives + config.negatives))
-    F = _wide(recording.places, database, drawn.take(start))
+    F = compare_wide(recording.places, database, drawn.take(start))
     first = GradientBoosting(40, 3, 0.2, seed=config.seed).fit(F, drawn.same[start])
     rest = np.arange(len(start), len(drawn))
     hard = np.zeros(0, dtype=np.int64)
     if len(rest) and config.hard:
         scores = np.concatenate(
             [
-                first.score(_wide(recording.places, database, drawn.take(part)))
+                first.score(compare_wide(recording.places, database, drawn.take(part)))
                 for part in np.array_split(rest, 1 + len(rest) // 20_000)
             ]
         )
         hard = np.sort(rest[np.argsort(-scores, kind="stable")[: config.hard]])
-        F = np.concatenate((F, _wide(recording.places, database, drawn.take(hard))))
+        F = np.concatenate((F, compare_wide(recording.places, database, drawn.take(hard))))
     pairs = drawn.take(np.concatenate((start, hard)))
     outlines = [place.outline for place in recording.places if place.outline is not None]
     if len(outlines) < len(recording.places):
@@ -216,7 +216,8 @@ def train_cascade(recordings: Sequence[Recording], config: CascadeConfig | None 
     return fit_cascade([examples(recording, config) for recording in _some(recordings)], config)
 
 
-def _wide(places: Sequence[PlaceFeatures], database: PlaceDatabase, pairs: Pairs) -> FloatArray:
+def compare_wide(places: Sequence[PlaceFeatures], database: PlaceDatabase, pairs: Pairs) -> FloatArray:
+    """Features of pairs of places (M, ..), differences of their signatures among them."""
     first = places[0]
     F = np.empty((len(pairs), len(first.values) + len(first.histograms) + len(first.signature)))
     for query, rows in pairs.by_first():

@@ -15,7 +15,7 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.learning.boosting import AdaBoost
 from estimation.learning.gradient_boosting import GradientBoosting
-from evaluation.loops.place_training import Recording, plain_share
+from evaluation.loops.place_training import Recording, compare_wide, plain_share
 from evaluation.loops.roc import Roc, roc
 from loop_closure.places.comparison import PlaceDatabase
 from loop_closure.places.context import contexts
@@ -51,15 +51,7 @@ def pairs_among(recording: Recording, nodes: IntArray, rule: PairRule, seed: int
 
 def wide_pairs(recording: Recording, pairs: Pairs) -> FloatArray:
     """The text's features and differences of signatures of pairs, (M, 41 + 56)."""
-    database = PlaceDatabase(recording.places, wide=True)
-    F = [
-        (rows, database.compare_wide(recording.places[query], pairs.second[rows]))
-        for query, rows in pairs.by_first()
-    ]
-    found = np.empty((len(pairs), F[0][1].shape[1]))
-    for rows, values in F:
-        found[rows] = values
-    return found
+    return compare_wide(recording.places, PlaceDatabase(recording.places, wide=True), pairs)
 
 
 def log_odds(recording: Recording, first: GradientBoosting) -> FloatArray:
@@ -114,55 +106,40 @@ def train_clouds(
     return PlaceModel(3, fit_first(recording, nodes, rule, seed), context=context, embedding=embedding)
 
 
-def judge_by_place(
-    recording: Recording, rule: PairRule, folds: int = 4, seed: int = 0
-) -> dict[str, list[Roc]]:
+def judge_by_place(recording: Recording, rule: PairRule, seed: int = 0) -> dict[str, list[Roc]]:
     """Curves on tiles that were not trained on, one per fold: of AdaBoost, the first stage, and with context."""
-    fold = tiles(recording.poses, folds, seed)
-    found: dict[str, list[Roc]] = {}
-    for k in range(folds):
-        inside, outside = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
-        pairs = pairs_among(recording, inside, rule, seed + 2)
-        _judge_stumps(found, recording, rule, pairs, outside, seed)
-        model = train_clouds(recording, rule, outside, seed)
-        found.setdefault("wide boosting", []).append(
-            roc(model.first.score(wide_pairs(recording, pairs)), pairs.same)
-        )
-        found.setdefault("best", []).append(roc(model.score_pairs(recording.places, pairs), pairs.same))
-    return found
+    return _judged(recording, rule, tiles(recording.poses, 4, seed), seed, context=True)
 
 
-def judge_by_node(
-    recording: Recording, rule: PairRule, folds: int = 2, seed: int = 0
-) -> dict[str, list[Roc]]:
+def judge_by_node(recording: Recording, rule: PairRule, seed: int = 0) -> dict[str, list[Roc]]:
     """Curves on nodes that were not trained on, dealt at random: their neighbours along the path may have been.
 
     Without context, which looks at these neighbours.
     """
-    fold = np.random.default_rng(seed).integers(0, folds, len(recording.places))
+    fold = np.random.default_rng(seed).integers(0, 2, len(recording.places))
+    return _judged(recording, rule, fold, seed, context=False)
+
+
+def _judged(
+    recording: Recording, rule: PairRule, fold: Folds, seed: int, context: bool
+) -> dict[str, list[Roc]]:
+    """Curves on each fold (N,) of what was trained on the others."""
     found: dict[str, list[Roc]] = {}
-    for k in range(folds):
+    for k in range(int(fold.max()) + 1):
         inside, outside = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
         pairs = pairs_among(recording, inside, rule, seed + 2)
-        _judge_stumps(found, recording, rule, pairs, outside, seed)
-        first = fit_first(recording, outside, rule, seed)
-        found.setdefault("wide boosting", []).append(
-            roc(first.score(wide_pairs(recording, pairs)), pairs.same)
-        )
+        train = plain_share(pairs_among(recording, outside, rule, seed))
+        features, text = wide_pairs(recording, pairs), wide_pairs(recording, train)[:, :TEXT]
+        scores = {
+            f"AdaBoost, T = {rounds}": AdaBoost(rounds).fit(text, train.same).score(features[:, :TEXT])
+            for rounds in (50, 200)
+        }
+        if context:
+            model = train_clouds(recording, rule, outside, seed)
+            scores["wide boosting"] = model.first.score(features)
+            scores["best"] = model.score_pairs(recording.places, pairs)
+        else:
+            scores["wide boosting"] = fit_first(recording, outside, rule, seed).score(features)
+        for name, score in scores.items():
+            found.setdefault(name, []).append(roc(score, pairs.same))
     return found
-
-
-def _judge_stumps(
-    found: dict[str, list[Roc]],
-    recording: Recording,
-    rule: PairRule,
-    pairs: Pairs,
-    outside: IntArray,
-    seed: int,
-) -> None:
-    """Append the curves of the text's method, trained on the nodes `outside`, to `found`."""
-    train = plain_share(pairs_among(recording, outside, rule, seed))
-    for rounds in (50, 200):
-        stumps = AdaBoost(rounds).fit(wide_pairs(recording, train)[:, :TEXT], train.same)
-        score = stumps.score(wide_pairs(recording, pairs)[:, :TEXT])
-        found.setdefault(f"AdaBoost, T = {rounds}", []).append(roc(score, pairs.same))

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from estimation.checks import FloatArray, as_points, require_positive
+from estimation.checks import FloatArray, require_positive
 from estimation.errors import InputError
 
 # mypy: disable-error-code="no-untyped-def"
@@ -66,46 +66,10 @@ class PrintedRule:
         return np.array([*worth, self.range_min, self.range_max, self.variance, self.stride])
 
 
-@dataclass(frozen=True)
-class Actions:
-    """What each action is expected to bring: gains (N,) nat (3.6), costs (N,) (3.8), utilities (N,) (3.9)."""
-
-    gains: FloatArray
-    costs: FloatArray
-    utilities: FloatArray
-    threshold: float
-
-    @property
-    def best(self) -> int | None:
-        """a* of (3.10) among the actions of (3.7), None where that set is empty."""
-        able = np.flatnonzero(self.gains > self.threshold)
-        return int(able[np.argmax(self.utilities[able])]) if len(able) else None
-
-
 def entropy(covariance: FloatArray) -> float:
     """H of a Gaussian of covariance (n, n), nat: (3.3)."""
     n = len(covariance)
     return 0.5 * n * (1.0 + math.log(2.0 * math.pi)) + 0.5 * float(np.linalg.slogdet(covariance)[1])
-
-
-def actions(
-    rule: PrintedRule, here: FloatArray, positions: FloatArray, variances: FloatArray, growth: FloatArray
-) -> Actions:
-    """All actions of a robot at `here` (2,) m.
-
-    positions : (N, 2) m, as estimated. variances, growth : (N,) m² per axis, now and by which it grows in a time
-    step. Raises InputError naming the argument.
-    """
-    places = as_points("positions", positions, 2)
-    for name, value in (("variances", variances), ("growth", growth)):
-        if np.shape(value) != (len(places),):
-            raise InputError(f"{name} must have shape ({len(places)},), not {np.shape(value)}")
-    numbers = rule.numbers()
-    found = np.array(
-        [expected(k, here[0], here[1], places, variances, growth, numbers) for k in range(len(places))]
-    ).reshape(-1, 2)
-    gains, costs = found[:, 0], found[:, 1] / rule.scale
-    return Actions(gains, costs, gains / rule.norm - rule.weight * costs, rule.threshold)
 
 
 @njit(cache=True)
@@ -147,6 +111,18 @@ def expected(item, x, y, positions, variances, growth, numbers):
 
 
 @njit(cache=True)
+def best(x, y, positions, variances, growth, numbers):
+    """a* of (3.10): the object of the largest utility (3.9) among those of (3.7), -1 where that set is empty."""
+    chosen, most = -1, -np.inf
+    for i in range(len(growth)):
+        gain, length = expected(i, x, y, positions, variances, growth, numbers)
+        utility = gain / numbers[2] - numbers[1] * length / numbers[3]
+        if gain > numbers[0] and utility > most:
+            chosen, most = i, utility
+    return chosen
+
+
+@njit(cache=True)
 def run(positions, growth, start, steps, numbers, fixed, idle):
     """A run of section 3.7: means over time of H_max (3.13) and H_sum (3.14), metres, looks (N,), goals (N,), path.
 
@@ -165,12 +141,7 @@ def run(positions, growth, start, steps, numbers, fixed, idle):
         if task < 0 and fixed:
             task, following = following, (following + 1) % count
         elif task < 0:
-            most = -np.inf
-            for i in range(count):
-                gain, length = expected(i, x, y, positions, variances, growth, numbers)
-                utility = gain / numbers[2] - numbers[1] * length / numbers[3]
-                if gain > numbers[0] and utility > most:
-                    most, task = utility, i
+            task = best(x, y, positions, variances, growth, numbers)
         if task >= 0:
             x, y, taken = towards(x, y, positions[task, 0], positions[task, 1], numbers[7])
             distance += taken

@@ -10,9 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from evaluation.people.people_judging import (
-    SceneJudgement,
-)
 from evaluation.people.people_marked import MARKED, without
 from evaluation.people.people_training import examples
 from evaluation.people.people_yardsticks import (
@@ -30,8 +27,6 @@ from whereabouts.simulation.scenes.occlusion_scenes import (
 from whereabouts.simulation.scenes.people_scenes import PeopleScene, empty_floor, peopled_floor
 from whereabouts.simulation.small_robot import SHORT_RANGE
 from whereabouts.system.progress import track
-
-Judge = Callable[[PeopleScene, np.random.Generator, Any], SceneJudgement]
 
 CSAIL, FREIBURG, INTEL = "carmen/mit-csail.clf.bz2", "carmen/fr079.clf.bz2", "carmen/intel.clf.bz2"
 EMPTY = "people/legs_training/negative_2.bag"

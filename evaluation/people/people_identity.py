@@ -7,7 +7,6 @@ prints the numbers of `tracking.people.identity.Walking` and how well they tell 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, fields
 
@@ -202,10 +201,6 @@ def who_comes_back(options: RunOptions, report: Report) -> None:
 
 def main() -> None:
     """The command of the module."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.parse_args()
     learned = fitted(returns(SEED))
     print(learned)
     for name, kind in zip(KINDS, returns(JUDGED), strict=True):

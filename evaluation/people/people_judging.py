@@ -20,7 +20,7 @@ from tracking.people.people_tracker import PeopleTracker, Person
 from whereabouts.logs import Log, MessageRecord, Record, ScanRecord, open_log
 from whereabouts.recorded.people_tracks import track_people
 from whereabouts.simulation.home.apartment_day import LASER_MOUNT, SCAN_RATE, ApartmentDay
-from whereabouts.simulation.scenes.people_scenes import PeopleScan, PeopleScene
+from whereabouts.simulation.scenes.people_scenes import PeopleScene
 
 Array = NDArray[np.float64]
 GATE = 0.75  # metres between a label and the person it is of
@@ -191,48 +191,38 @@ def judge_home(seed: int, duration: float | None = None) -> SceneJudgement:
         targets = tracker.step(moment.scan, pose, moment.time)
         expected = expected or Expected(len(moment.people))
         known = expected.look(moment.returns, moment.time, 1.0 / SCAN_RATE)
-        spots = np.array([target.mean[:2] for target in targets]).reshape(-1, 2)
-        names = np.array([target.label for target in targets], dtype=np.int64)
-        judge_people(judged, moment.people, moment.returns, names, spots, known)
+        judge_people(judged, moment.people, moment.returns, *_told(targets), known)
     return judged
 
 
 def judge_scene(
-    scene: PeopleScene, rng: np.random.Generator, tracker: PeopleTracker | None = None
+    scene: PeopleScene,
+    rng: np.random.Generator,
+    tracker: PeopleTracker | None = None,
+    everybody: bool = False,
 ) -> SceneJudgement:
-    """Track a scene. Expected are people who were in plain view for 1.5 s, and hidden for at most `FORGIVEN`."""
+    """Track a scene. Expected are people who were in plain view for 1.5 s, and hidden for at most `FORGIVEN`.
+
+    everybody : all in the scanner's range and opening instead, hidden or not, from the first scan on.
+    """
     tracker = tracker or PeopleTracker()
     judged = SceneJudgement()
     count = len(scene.people)
     seen, last = np.zeros(count), np.full(count, -np.inf)
     for scan in scene.scans(rng):
         targets = tracker.step(scan.scan, scan.pose, scan.scan.stamp)
-        in_sight = scan.returns >= 3
+        in_sight = scan.returns >= RETURNS
         last[in_sight] = scan.scan.stamp
         seen += in_sight / scene.rate
-        expected = (seen >= 1.5) & (scan.scan.stamp - last < FORGIVEN)
-        _judge(judged, scan, targets, expected)
+        known = scan.in_view if everybody else (seen >= SEEN_FOR) & (scan.scan.stamp - last < FORGIVEN)
+        judge_people(judged, scan.people, scan.returns, *_told(targets), known)
     return judged
 
 
-def judge_everybody(
-    scene: PeopleScene, rng: np.random.Generator, tracker: PeopleTracker | None = None
-) -> SceneJudgement:
-    """Track a scene. Expected is everybody in the scanner's range and opening, hidden or not, from the first on."""
-    tracker = tracker or PeopleTracker()
-    judged = SceneJudgement()
-    for scan in scene.scans(rng):
-        targets = tracker.step(scan.scan, scan.pose, scan.scan.stamp)
-        _judge(judged, scan, targets, scan.in_view)
-    return judged
-
-
-def _judge(
-    judged: SceneJudgement, scan: PeopleScan, targets: list[Person], expected: NDArray[np.bool_]
-) -> None:
+def _told(targets: list[Person]) -> tuple[NDArray[np.int64], Array]:
+    """Labels (T,) and places (T, 2)."""
     spots = np.array([target.mean[:2] for target in targets]).reshape(-1, 2)
-    names = np.array([target.label for target in targets], dtype=np.int64)
-    judge_people(judged, scan.people, scan.returns, names, spots, expected)
+    return np.array([target.label for target in targets], dtype=np.int64), spots
 
 
 def judge_people(

@@ -22,8 +22,8 @@ from registration.laser.scan import Scan
 from tracking.people.legs import FEATURES, clusters_of
 from tracking.people.people_shape import CARD, MODEL
 from whereabouts.datasets import data_directory
-from whereabouts.simulation import Lidar, joined, random_room
-from whereabouts.simulation.people import random_build, seen, wander
+from whereabouts.simulation import Lidar, joined, outlines, random_room
+from whereabouts.simulation.people import random_build, wander
 from whereabouts.simulation.scenes.scan_pairs import free_pose
 
 Array = NDArray[np.float64]
@@ -161,7 +161,7 @@ def simulated(seed: int, scenes: int = 250) -> list[ClusterExamples]:
         bodies = rng.choice(["legs", "legs", "trunk", "skirt"], 5)
         people = [wander(rng, room, (4.0, 4.0), 8.0, random_build(rng, str(body))) for body in bodies]
         for time in rng.uniform(0.0, 8.0, 4):
-            shapes = joined([room, seen(people, float(time))])
+            shapes = joined([room, outlines(people, float(time))])
             simulated = lidar.scan(shapes, free_pose(shapes, rng, 3.0), rng)
             clusters = clusters_of(simulated.scan)
             for name in np.flatnonzero(clusters.widths < WIDE):

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 
 from evaluation.drawing import saved
 from evaluation.phd.target_scores import Score, labels_kept
-from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
-from tracking.mixture.target import Target
+from tracking import ExtendedTargetPhd, PhdConfig
 from whereabouts.simulation.scenes.targets import (
     TargetScene,
     TargetSensor,
@@ -26,7 +25,7 @@ SCENES = {"crossing and spawning": cross_and_spawn, "side by side": side_by_side
 
 
 def follow(scene: TargetScene, settings: dict[str, Any], seed: int | Sequence[int]) -> np.ndarray:
-    """One run: OSPA, expected and reported number over the scans, (K, 3). "point" among the settings: GM-PHD."""
+    """One run: OSPA, expected and reported number over the scans, (K, 3)."""
     score = scored(scene, settings, seed)
     return np.column_stack([score.ospa, score.expected, score.count])
 
@@ -34,35 +33,24 @@ def follow(scene: TargetScene, settings: dict[str, Any], seed: int | Sequence[in
 def scored(
     scene: TargetScene, settings: dict[str, Any], seed: int | Sequence[int], births: Any = None
 ) -> Score:
-    """One run's score; `births` as in PhdConfig, the text's where None."""
+    """One run's score; `births` as in PhdConfig, the text's where None.
+
+    "association" among the settings: "pda" or "jpda" on clusters of returns.
+    """
     rng = np.random.default_rng(seed)
     settings = dict(settings)
     association = settings.pop("association", None)
-    if association is not None:
-        return _scored_clusters(scene, str(association), rng)
-    kind = PointTargetPhd if settings.pop("point", False) else ExtendedTargetPhd
     if births is not None:
         settings["births"] = births
-    filter_ = kind(PhdConfig(**settings))
+    tracker: Any = ExtendedTargetPhd(PhdConfig(**settings))
+    if association is not None:
+        from evaluation.peers.stone_soup_jpda import StoneSoupJpda
+
+        tracker = StoneSoupJpda(PhdConfig(**settings), association == "jpda")
     score = Score(60.0)
     for k, there in enumerate(scene.positions):
-        targets = filter_.step(SENSOR.returns(there, rng), float(k))
-        score.add(targets, there, filter_.expected_count)
-    return score
-
-
-def _scored_clusters(scene: TargetScene, association: str, rng: np.random.Generator) -> Score:
-    """One run of "pda" or "jpda" on clusters of returns."""
-    from evaluation.peers.stone_soup_jpda import StoneSoupJpda
-
-    tracker, score = StoneSoupJpda(PhdConfig(), association == "jpda"), Score(60.0)
-    for k, there in enumerate(scene.positions):
-        spots = tracker.step(SENSOR.returns(there, rng), float(k))
-        told = [
-            Target(j, np.array([*spot, 0.0, 0.0]), np.eye(4), 1.0, np.eye(2), 0.0)
-            for j, spot in enumerate(spots)
-        ]
-        score.add(told, there, tracker.expected_count)
+        found = tracker.step(SENSOR.returns(there, rng), float(k))
+        score.add(found, there, tracker.expected_count)
     return score
 
 

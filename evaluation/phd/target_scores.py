@@ -1,4 +1,4 @@
-"""How well a tracker does against known targets: OSPA and GOSPA over time, cardinality error, labels."""
+"""How well a tracker does against known targets: OSPA over time, cardinality error, labels."""
 
 from __future__ import annotations
 
@@ -8,44 +8,35 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.metrics.statistics import gospa_parts, ospa
+from estimation.metrics.statistics import ospa
 from tracking.mixture.target import Target
 from tracking.tracker_evaluation import positions
 
 
 @dataclass
 class Score:
-    """Scan by scan: OSPA, GOSPA with its parts, numbers of true and reported targets, and the expected number.
-
-    `localisation`, `missed` and `false` are p-th powers that add up to GOSPA's.
-    """
+    """Scan by scan: OSPA, numbers of true and reported targets, the expected number, labels and places."""
 
     cut_off: float
     order: float = 2.0
     ospa: list[float] = field(default_factory=list)
-    gospa: list[float] = field(default_factory=list)
-    localisation: list[float] = field(default_factory=list)
-    missed: list[float] = field(default_factory=list)
-    false: list[float] = field(default_factory=list)
     true_count: list[int] = field(default_factory=list)
     count: list[int] = field(default_factory=list)
     expected: list[float] = field(default_factory=list)
     labels: list[list[int]] = field(default_factory=list)
     found: list[FloatArray] = field(default_factory=list)
 
-    def add(self, targets: Sequence[Target], truth: FloatArray, expected_count: float = float("nan")) -> None:
-        """One scan's reported targets against true positions (n, 2)."""
-        found = positions(targets)
-        parts = gospa_parts(found, truth, self.cut_off, self.order)
+    def add(
+        self, targets: Sequence[Target] | FloatArray, truth: FloatArray, expected_count: float = float("nan")
+    ) -> None:
+        """One scan's reported targets, or their places (m, 2) alone, against true positions (n, 2)."""
+        named = [] if isinstance(targets, np.ndarray) else list(targets)
+        found = targets if isinstance(targets, np.ndarray) else positions(targets)
         self.ospa.append(ospa(found, truth, self.cut_off, self.order))
-        self.gospa.append(parts.value)
-        self.localisation.append(parts.localisation)
-        self.missed.append(parts.missed)
-        self.false.append(parts.false)
         self.true_count.append(len(truth))
         self.count.append(len(found))
         self.expected.append(expected_count)
-        self.labels.append([target.label for target in targets])
+        self.labels.append([target.label for target in named])
         self.found.append(found)
 
     @property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,12 +40,19 @@ class WithoutMovers:
 
 def drive_among(scene: PeopleScene, rng: np.random.Generator) -> tuple[list[ScanRecord], Array]:
     """Scans of a scene, with wheel odometry, and the true poses."""
+    return with_wheels(((seen.scan, seen.pose) for seen in scene.scans(rng)), rng)
+
+
+def with_wheels(
+    scans: Iterable[tuple[Scan, Array]], rng: np.random.Generator
+) -> tuple[list[ScanRecord], Array]:
+    """Records of scans at their true poses (3,), with the odometry of wheels, and these poses."""
     wheels, reported = Wheels(), np.zeros(3)
     records: list[ScanRecord] = []
     truth: list[Array] = []
-    for seen in scene.scans(rng):
+    for scan, pose in scans:
         if truth:
-            reported = compound(reported, wheels.motion(truth[-1], seen.pose, rng))
-        records.append(ScanRecord(seen.scan, seen.scan.stamp, odometry=reported))
-        truth.append(seen.pose)
+            reported = compound(reported, wheels.motion(truth[-1], pose, rng))
+        records.append(ScanRecord(scan, scan.stamp, odometry=reported))
+        truth.append(pose)
     return records, np.array(truth)

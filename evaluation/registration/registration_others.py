@@ -21,7 +21,7 @@ def extruded_gicp() -> Aligner | None:
 
     def run(source: Scan, target: Scan) -> Registration:
         found = small_gicp.align(
-            _extruded(target), _extruded(source), registration_type="GICP", downsampling_resolution=0.02
+            extruded(target), extruded(source), registration_type="GICP", downsampling_resolution=0.02
         )
         return _planar(found.T_target_source, found.converged)
 
@@ -59,7 +59,7 @@ def open3d_point_to_plane() -> Aligner | None:
     registration = open3d.pipelines.registration
 
     def cloud(scan: Scan) -> object:
-        points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(_extruded(scan)))
+        points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(extruded(scan)))
         points.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(radius=0.5, max_nn=20))
         return points
 
@@ -76,7 +76,8 @@ def _lifted(scan: Scan) -> np.ndarray:
     return np.column_stack((points, np.zeros(len(points))))
 
 
-def _extruded(scan: Scan) -> np.ndarray:
+def extruded(scan: Scan) -> np.ndarray:
+    """Points (N, 3) of a scan drawn up to walls: GICP needs volume."""
     flat = _lifted(scan)
     return np.concatenate([flat + np.array([0.0, 0.0, height]) for height in HEIGHTS])
 

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.metrics.statistics import absolute_trajectory_error, relations_error
 from evaluation.slam.slam_judging import (
-    CLOSE,
+    Closed,
     Followed,
-    false_among,
-    largest_among,
-    relations_of,
+    judged_row,
+    misses,
+    recall,
     revisits_among,
     true_poses,
 )
@@ -34,7 +33,7 @@ class Driven:
     estimate: Array
     kept: list[int]
     paths: list[float]
-    closures: list[tuple[int, int, Array]]
+    closures: list[Closed]
     left: int
     seconds: float
 
@@ -45,7 +44,7 @@ def driven(log: Followed) -> Driven:
     slam = Slam(thin=True, every_scan=True)
     kept: list[int] = []
     paths: list[float] = []
-    closures: list[tuple[int, int, Array]] = []
+    closures: list[Closed] = []
     for number, record in enumerate(log.records):
         update = slam.process(record.scan, log.poses[number], log.covariances[number])
         if update.keyframe is not None:
@@ -62,28 +61,8 @@ def driven(log: Followed) -> Driven:
 
 def row(name: str, kind: str, log: Followed, run: Driven, tolerance: float) -> list[object]:
     """The line of a log in the experiment's table."""
-    known = np.flatnonzero(np.isfinite(log.truth[:, 0]))
-    truth, estimate = log.truth[known], run.estimate[known]
-    before = absolute_trajectory_error(log.poses[known, :2], truth[:, :2]).rmse
-    after = absolute_trajectory_error(estimate[:, :2], truth[:, :2]).rmse
-    earlier = true_poses(log, [a for a, _, _ in run.closures])
-    later = true_poses(log, [b for _, b, _ in run.closures])
-    worst = largest_among(earlier, later, [relative for _, _, relative in run.closures])
     rank = {number: k for k, number in enumerate(run.kept)}
     found = revisits_among(np.array(run.paths), true_poses(log, run.kept))
-    closed = {rank[again] for _, again, _ in run.closures} & set(found)
-    relations = relations_error(*relations_of(estimate, truth), tolerance=0.5)
-    close = relations_error(*relations_of(estimate, truth, *CLOSE), tolerance=0.5)
-    return [
-        name, kind, float(before), float(after), len(run.closures),
-        len(false_closures(run, log, tolerance)), worst, 100.0 * len(closed) / max(len(found), 1), "",
-        float(relations.translation_mean), float(relations.translation_std),
-        float(np.degrees(relations.rotation_mean)), float(close.translation_mean), "", run.left,
-    ]  # fmt: skip
-
-
-def false_closures(run: Driven, log: Followed, tolerance: float) -> list[int]:
-    """Numbers of the closures that were false when they were made."""
-    earlier = true_poses(log, [a for a, _, _ in run.closures])
-    later = true_poses(log, [b for _, b, _ in run.closures])
-    return false_among(earlier, later, [relative for _, _, relative in run.closures], tolerance)
+    closed = recall({rank[again] for _, again, _ in run.closures}, found)
+    missed = misses(log, run.closures)
+    return judged_row(name, kind, log, run.estimate, missed, tolerance, closed, "", "", run.left)

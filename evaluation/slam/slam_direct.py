@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import between, wrap_angle
-from evaluation.slam.slam_judging import Followed, true_poses
+from evaluation.registration.registration_others import extruded
+from evaluation.slam.slam_judging import Closed, Followed, true_poses
 from registration import Scan
 
 Array = NDArray[np.float64]
-Pair = tuple[int, int, Array]  # numbers of the earlier and the later scan, and the relative pose
-HEIGHTS = (-0.2, -0.1, 0.0, 0.1, 0.2)  # metres, scans are drawn up to: GICP needs volume
 VOXEL = 0.02  # metres
 REACH = 0.5  # metres between points that can be the same
 SHARED = 0.5  # of the points of either scan, in the other
@@ -70,13 +69,11 @@ class Direct:
         import small_gicp
 
         if number not in self._known:
-            points = self._scans[number].points()
-            walls = [np.column_stack((points, np.full(len(points), height))) for height in HEIGHTS]
-            self._known[number] = small_gicp.preprocess_points(np.concatenate(walls), VOXEL)
+            self._known[number] = small_gicp.preprocess_points(extruded(self._scans[number]), VOXEL)
         return self._known[number]
 
 
-def check(log: Followed, direct: Direct, closures: Sequence[Pair], false: Sequence[int]) -> Checked:
+def check(log: Followed, direct: Direct, closures: Sequence[Closed], false: Sequence[int]) -> Checked:
     """Judge closures by direct registration; `false` are those that the reference calls so."""
     if not closures:
         return Checked(0, 0, 0, 0)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import compound, inverse
-from evaluation.experiments.odometry import joined
+from evaluation.experiments.odometry import RAW, joined
 from evaluation.slam.slam_judging import Followed
 from loop_closure.graph.pose_graph import PoseGraph
 from loop_closure.slam.trajectory import Slam
@@ -30,6 +30,11 @@ def followed(path: Path, truth_path: Path | None, wheels: bool) -> Followed:
         with open_log(truth_path) as log:
             corrected = list(log.scans())
     return followed_records(records, corrected, wheels)
+
+
+def followed_log(folder: Path, name: str) -> Followed:
+    """One of the CARMEN logs in a folder: a raw one with its wheels, a corrected one without."""
+    return followed(folder / name, folder / RAW[name] if name in RAW else None, name in RAW)
 
 
 def followed_records(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import between, compound, wrap_angle
-from estimation.metrics.statistics import align_points
+from estimation.metrics.statistics import absolute_trajectory_error, align_points, relations_error
 from loop_closure.graph.uncertainty import Uncertainty
 from loop_closure.keyframes import Keyframes
 from loop_closure.slam.trajectory import Slam
@@ -18,6 +18,7 @@ from registration.placement.align_submaps import LEAST_AGREEING, LEAST_OVERLAP, 
 from whereabouts.logs import ScanRecord
 
 Array = NDArray[np.float64]
+Closed = tuple[int, int, Array]  # numbers of the earlier and the later scan, and the relative pose
 BEHIND, AROUND = 6.0, 4.0  # metres of path in the local maps of a revisit and of the place revisited
 DOUBT = 0.5  # metres by which a relative pose may be off from which an overlap is looked for
 ALIKE = 0.7  # rad between the headings of scans registered directly
@@ -49,34 +50,30 @@ def keyframe_truth(slam: Slam, log: Followed) -> Array:
     return true_poses(log, list(slam.first_visits().values()))
 
 
-def false_closures(slam: Slam, truth: Array, tolerance: float) -> list[int]:
-    """Numbers of the closures that are false by the true poses (K, 3) of the keyframes."""
-    found = slam.closures
-    earlier, later = [c.earlier for c in found], [c.later for c in found]
-    return false_among(truth[earlier], truth[later], [c.relative for c in found], tolerance)
+def closures_of(slam: Slam) -> list[Closed]:
+    """The closures by the numbers of their scans: those of keyframes change as some are taken out."""
+    first = slam.first_visits()
+    return [(first[c.earlier], first[c.later], c.relative) for c in slam.closures]
 
 
-def false_among(earlier: Array, later: Array, relatives: Sequence[Array], tolerance: float) -> list[int]:
-    """Which relative poses (M, 3) are off the true ones (M, 3) by more than `tolerance` metres or 10 degrees."""
-    if not len(relatives):
-        return []
-    miss = between(between(earlier, later), np.array(relatives))
-    wrong = np.hypot(miss[:, 0], miss[:, 1]) > tolerance
-    return np.flatnonzero(wrong | (np.abs(wrap_angle(miss[:, 2])) > np.deg2rad(10.0))).tolist()
+def misses(log: Followed, closures: Sequence[Closed]) -> Array:
+    """By how much (M, 3) closures are off the true relative poses."""
+    if not closures:
+        return np.zeros((0, 3))
+    earlier, later, relatives = zip(*closures, strict=True)
+    expected = between(true_poses(log, list(earlier)), true_poses(log, list(later)))
+    return np.asarray(between(expected, np.array(relatives)))
 
 
-def largest_miss(slam: Slam, truth: Array) -> float:
-    """Metres by which the worst closure is off the true poses (K, 3) of the keyframes; 0 without closures."""
-    earlier, later = [c.earlier for c in slam.closures], [c.later for c in slam.closures]
-    return largest_among(truth[earlier], truth[later], [c.relative for c in slam.closures])
+def false_closures(missed: Array, tolerance: float) -> list[int]:
+    """Which of `misses` (M, 3) are more than `tolerance` metres or 10 degrees."""
+    wrong = np.hypot(missed[:, 0], missed[:, 1]) > tolerance
+    return np.flatnonzero(wrong | (np.abs(wrap_angle(missed[:, 2])) > np.deg2rad(10.0))).tolist()
 
 
-def largest_among(earlier: Array, later: Array, relatives: Sequence[Array]) -> float:
-    """Metres by which the worst relative pose (M, 3) is off the true ones; 0 without any."""
-    if not len(relatives):
-        return 0.0
-    miss = between(between(earlier, later), np.array(relatives))
-    return float(np.hypot(miss[:, 0], miss[:, 1]).max())
+def largest_miss(missed: Array) -> float:
+    """Metres of the worst of `misses` (M, 3); 0 without any."""
+    return float(np.hypot(missed[:, 0], missed[:, 1]).max(initial=0.0))
 
 
 def revisits_among(paths: Array, truth: Array, near: float = 2.0, apart: float = 20.0) -> dict[int, int]:
@@ -92,25 +89,21 @@ def revisits_among(paths: Array, truth: Array, near: float = 2.0, apart: float =
     return found
 
 
-def recall(slam: Slam, truth: Array) -> tuple[int, int]:
-    """How many keyframes that revisit a place have a closure, and how many revisit one."""
-    closed, found = {closure.later for closure in slam.closures}, revisits_among(slam.keyframes.paths, truth)
-    return len(closed & set(found)), len(found)
+def recall(closed: Collection[int], revisits: Collection[int]) -> float:
+    """How many of the keyframes that revisit a place have a closure, %."""
+    return 100.0 * len(set(closed) & set(revisits)) / max(len(revisits), 1)
 
 
-def recall_with_overlap(slam: Slam, truth: Array) -> tuple[int, int]:
-    """The same of the revisits that have outline in common with the place: at least 4 m and 35 %.
+def recalls(slam: Slam, truth: Array) -> tuple[float, float]:
+    """`recall` of all revisits, and of those that have outline in common with the place: at least 4 m and 35 %.
 
     As far as local maps of the path around both show, laid on each other at the true or the estimated relative pose or
     within half a metre of it.
     """
     closed = {closure.later for closure in slam.closures}
-    found = {
-        k
-        for k, j in revisits_among(slam.keyframes.paths, truth).items()
-        if k in closed or overlapping(slam, truth, j, k)
-    }
-    return len(closed & found), len(found)
+    revisits = revisits_among(slam.keyframes.paths, truth)
+    common = [k for k, j in revisits.items() if k in closed or overlapping(slam, truth, j, k)]
+    return recall(closed, revisits), recall(closed, common)
 
 
 def overlapping(slam: Slam, truth: Array, j: int, k: int) -> bool:
@@ -133,6 +126,27 @@ def with_scale(estimate: Array, truth: Array) -> tuple[float, float]:
     wanted = truth - truth.mean(axis=0)
     scale = float((moved * wanted).sum() / (moved**2).sum())
     return scale, float(np.sqrt(((scale * moved - wanted) ** 2).sum(axis=1).mean()))
+
+
+def judged_row(
+    name: str, kind: str, log: Followed, estimate: Array, missed: Array, tolerance: float,
+    recalled: float, overlapping: object, ratio: object, keyframes: int,
+) -> list[object]:  # fmt: skip
+    """The row of a log in the experiment's table; estimate : (N, 3) of all scans. missed : its `misses`."""
+    known = np.flatnonzero(np.isfinite(log.truth[:, 0]))
+    truth = log.truth[known]
+    errors = [
+        absolute_trajectory_error(poses[known, :2], truth[:, :2]).rmse for poses in (log.poses, estimate)
+    ]
+    relations, close = (
+        relations_error(*relations_of(estimate[known], truth, *distances), tolerance=0.5)
+        for distances in ((), CLOSE)
+    )
+    return [
+        name, kind, *errors, len(missed), len(false_closures(missed, tolerance)), largest_miss(missed),
+        recalled, overlapping, relations.translation_mean, relations.translation_std,
+        float(np.degrees(relations.rotation_mean)), close.translation_mean, ratio, keyframes,
+    ]  # fmt: skip
 
 
 def jitter(odometry: Array, truth: Array) -> float:

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import between, compound
-from evaluation.experiments.odometry import RAW
 from evaluation.report import Report, RunOptions
-from evaluation.slam.slam_following import followed
+from evaluation.slam.slam_following import followed_log
 from evaluation.slam.slam_judging import Followed, keyframe_truth, true_poses
 from loop_closure.keyframes import Keyframes
 from loop_closure.maps.localization import Localizer
@@ -53,9 +52,7 @@ def table(options: RunOptions, report: Report) -> None:
     assert options.data is not None
     folder, drives = options.data / "carmen", {}
     for name in track(LOGS[: 2 if options.quick else None], "lost in half a map"):
-        drives[name] = _drives(
-            followed(folder / name, folder / RAW[name] if name in RAW else None, name in RAW)
-        )
+        drives[name] = _drives(followed_log(folder, name))
     drives["simulated floors"] = [drive for seed in range(FLOORS) for drive in _drives(_floor(seed))]
     rows = [_row(name, some) for name, some in drives.items()]
     samples = {name: len(some) for name, some in drives.items()}

@@ -7,16 +7,16 @@ import time
 import numpy as np
 
 from estimation.metrics.statistics import absolute_trajectory_error
-from evaluation.experiments.odometry import RAW
 from evaluation.report import Report, RunOptions
 from evaluation.slam import slam_places
-from evaluation.slam.slam_following import followed, mapped
+from evaluation.slam.slam_following import followed_log, mapped
 from evaluation.slam.slam_judging import (
+    closures_of,
     false_closures,
     keyframe_truth,
     largest_miss,
-    recall,
-    recall_with_overlap,
+    misses,
+    recalls,
 )
 from loop_closure.graph.pose_graph import SmoothedGraph
 from loop_closure.slam_config import Proposals
@@ -43,7 +43,7 @@ def table(options: RunOptions, report: Report) -> None:
     rows: list[list[object]] = []
     samples: dict[str, int] = {}
     for name in track(LOGS[: 1 if options.quick else None], "what proposes closures"):
-        log = followed(folder / name, folder / RAW[name] if name in RAW else None, name in RAW)
+        log = followed_log(folder, name)
         samples[name] = len(log.records)
         known = np.flatnonzero(np.isfinite(log.truth[:, 0]))
         for mode in MODES:
@@ -51,13 +51,11 @@ def table(options: RunOptions, report: Report) -> None:
                 begun = time.process_time()
                 slam, estimate, _ = mapped(log, SmoothedGraph(), mode)
                 elapsed = time.process_time() - begun
-            places = keyframe_truth(slam, log)
+            missed = misses(log, closures_of(slam))
             error = absolute_trajectory_error(estimate[known, :2], log.truth[known, :2]).rmse
-            (closed, revisits), overlapping = recall(slam, places), recall_with_overlap(slam, places)
             rows.append([
-                name, mode, float(error), len(slam.closures), len(false_closures(slam, places, 0.5)),
-                largest_miss(slam, places), 100.0 * closed / max(revisits, 1),
-                100.0 * overlapping[0] / max(overlapping[1], 1), len(slam.keyframes) / elapsed,
+                name, mode, float(error), len(missed), len(false_closures(missed, 0.5)), largest_miss(missed),
+                *recalls(slam, keyframe_truth(slam, log)), len(slam.keyframes) / elapsed,
             ])  # fmt: skip
     report.add(
         "What proposes closures", COLUMNS, rows, NOTE, "proposals", data=slam_places.JUDGED, samples=samples

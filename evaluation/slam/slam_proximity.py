@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimation.geometry.poses import between, compound, wrap_angle
 from evaluation.slam.slam_as_node import Driven
 from evaluation.slam.slam_direct import Direct
-from evaluation.slam.slam_judging import Followed
+from evaluation.slam.slam_judging import Closed, Followed
 from loop_closure.graph.pose_graph import Edge, SmoothedGraph
 
 Array = NDArray[np.float64]
@@ -47,9 +47,7 @@ def driven(log: Followed) -> Driven:
     return Driven(estimate, kept, paths, closures, len(kept), time.perf_counter() - begun + log.seconds)
 
 
-def _close(
-    graph: SmoothedGraph, direct: Direct, kept: list[int], paths: list[float]
-) -> list[tuple[int, int, Array]]:
+def _close(graph: SmoothedGraph, direct: Direct, kept: list[int], paths: list[float]) -> list[Closed]:
     """The closure of the newest keyframe, if it has one."""
     poses, k = graph.poses, len(kept) - 1
     away = np.hypot(*(poses[:k, :2] - poses[k, :2]).T)

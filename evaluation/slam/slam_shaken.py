@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 
 from estimation.geometry.poses import between, compound
 from estimation.metrics.statistics import absolute_trajectory_error
-from evaluation.experiments.odometry import CORRECTED
+from evaluation.experiments.odometry import CORRECTED, noisy
 from evaluation.report import Report, RunOptions
 from evaluation.slam import slam_places
 from evaluation.slam.slam_following import followed_records, mapped
 from evaluation.slam.slam_judging import (
     Followed,
+    closures_of,
     false_closures,
     keyframe_truth,
     largest_miss,
+    misses,
     recall,
+    revisits_among,
 )
 from loop_closure.graph.pose_graph import SmoothedGraph
 from whereabouts.logs import ScanRecord, open_log
@@ -30,14 +33,6 @@ Records = list[ScanRecord]
 SHARE = 0.1  # of the scans that are dropped or doubled
 STAMPS = 0.005  # seconds
 TOLERANCE = 0.5  # metres; and 10 degrees
-
-
-def noisy_ranges(records: Records, sigma: float, rng: np.random.Generator) -> Records:
-    """Scans with noise of `sigma` metres on their ranges."""
-    return [
-        replace(r, scan=replace(r.scan, ranges=r.scan.ranges + rng.normal(0.0, sigma, len(r.scan))))
-        for r in records
-    ]
 
 
 def dropped(records: Records, rng: np.random.Generator) -> Records:
@@ -69,8 +64,8 @@ def noisy_odometry(log: Followed, sigma: float, rng: np.random.Generator) -> Fol
 
 
 CASES: dict[str, tuple[Callable[[Records, np.random.Generator], Records], float]] = {
-    "noise of 1 mm on ranges and odometry": (lambda records, rng: noisy_ranges(records, 0.001, rng), 0.001),
-    "noise of 1 cm on ranges and odometry": (lambda records, rng: noisy_ranges(records, 0.01, rng), 0.01),
+    "noise of 1 mm on ranges and odometry": (lambda records, rng: noisy(records, rng, 0.001), 0.001),
+    "noise of 1 cm on ranges and odometry": (lambda records, rng: noisy(records, rng, 0.01), 0.01),
     "a tenth of the scans dropped": (dropped, 0.0),
     "a tenth of the scans doubled": (doubled, 0.0),
     "stamps shaken by 5 ms": (shaken_stamps, 0.0),
@@ -94,11 +89,11 @@ def shaken(options: RunOptions, report: Report) -> None:
                 followed = noisy_odometry(followed, sigma, rng)
             with slam_places.without(slam_places.BUILDINGS[name], options):
                 slam, estimate, _ = mapped(followed, SmoothedGraph())
-            places = keyframe_truth(slam, followed)
-            false, miss = len(false_closures(slam, places, TOLERANCE)), largest_miss(slam, places)
-            closed, revisits = recall(slam, places)
+            missed = misses(followed, closures_of(slam))
+            false, miss = len(false_closures(missed, TOLERANCE)), largest_miss(missed)
+            revisits = revisits_among(slam.keyframes.paths, keyframe_truth(slam, followed))
+            share = recall({closure.later for closure in slam.closures}, revisits)
             error = absolute_trajectory_error(estimate[:, :2], followed.truth[:, :2]).rmse
-            share = 100.0 * closed / max(revisits, 1)
             rows.append([name, case, false, miss, len(slam.closures), share, float(error)])
             worst, false_in_all = max(worst, miss), false_in_all + false
             closures += len(slam.closures)

@@ -87,11 +87,9 @@ def beams_of(scan: Scan) -> Beams:
 def _clear(ranges: FloatArray) -> FloatArray:
     """What no return says: single beams get lost, but something near does not lose `EMPTY` beams in a row."""
     lost = ~np.isfinite(ranges)
-    if lost.all() or not lost.any():
+    if lost.all():
         return np.zeros(len(ranges))
     run = np.convolve(lost, np.ones(EMPTY), mode="same") >= EMPTY
-    if not run.any():
-        return np.zeros(len(ranges))
     return np.where(run, NEARER * float(np.median(ranges[~lost])), 0.0)
 
 

@@ -14,7 +14,8 @@ from estimation.geometry.poses import between, compound
 from whereabouts.cli.main import app
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord
 from whereabouts.simulation import Drive, Lidar, box, joined
-from whereabouts.simulation.people import SimulatedWalker, seen
+from whereabouts.simulation.movers import outlines
+from whereabouts.simulation.people import SimulatedWalker
 
 runner = CliRunner()
 DRIVE = Drive([(-3.0, -1.5), (2.5, -1.5)], speed=0.3)
@@ -30,7 +31,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with McapWriter(path) as writer:
         for k, stamp in enumerate(STAMPS):
             time = 0.1 * k
-            scan = Lidar().scan(joined([world, seen([PERSON], time)]), DRIVE(time), rng, stamp).scan
+            scan = Lidar().scan(joined([world, outlines([PERSON], time)]), DRIVE(time), rng, stamp).scan
             writer.write_odometry(OdometryRecord(DRIVE(time), stamp))
             writer.write_scan(ScanRecord(scan, stamp))
     return path

@@ -100,9 +100,7 @@ def test_every_second_beam_keeps_its_bearing() -> None:
 def test_pairs_left_out_of_training_are_judged_all_the_same(floor: Recording) -> None:
     model = train_plain([floor], PairRule(1.0, 20.0), rounds=3)
     rules = [PairRule(2.5, 20.0), PairRule(2.5, 20.0, apart=6.0)]
-    strict, loose = (
-        _curves(model, floor, CascadeConfig(rule=rule), math.pi, (1.0, 3.0), 50, 300) for rule in rules
-    )
+    strict, loose = (_curves(model, floor, CascadeConfig(rule=rule), math.pi) for rule in rules)
     for a, b in zip(strict, loose, strict=True):
         assert (a.positives, a.negatives) == (b.positives, b.negatives)
         assert a.area == b.area

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from evaluation.maintenance.maintenance_printed import PrintedRule, actions, entropy, expected, simulate
+from evaluation.maintenance.maintenance_printed import PrintedRule, best, entropy, expected, simulate
 
 RULE = PrintedRule(threshold=2.0, speed=0.5, time_step=1.0)
 
@@ -35,13 +35,12 @@ def test_the_gain_of_a_way_is_the_sum_of_its_cycles():
     for _ in range(20):
         positions, here = rng.uniform(0, 6, (4, 2)), rng.uniform(0, 6, 2)
         variances, growth = rng.uniform(0.001, 0.5, 4), rng.uniform(0, 0.05, 4)
-        found = actions(RULE, here, positions, variances, growth)
+        situation = (*here, positions, variances, growth, RULE.numbers())
         wanted = [by_hand(k, here, positions, variances, growth, RULE) for k in range(4)]
-        np.testing.assert_allclose(found.gains, [gain for gain, _ in wanted], rtol=1e-9)
-        np.testing.assert_allclose(found.costs, [length / RULE.scale for _, length in wanted], rtol=1e-12)
+        np.testing.assert_allclose([expected(k, *situation) for k in range(4)], wanted, rtol=1e-9)
         utility = [gain / RULE.norm - RULE.weight * length / RULE.scale for gain, length in wanted]
         able = [k for k in range(4) if wanted[k][0] > RULE.threshold]
-        assert found.best == (max(able, key=lambda k: utility[k]) if able else None)
+        assert best(*situation) == max(able, key=lambda k: utility[k], default=-1)
 
 
 def test_entropy_of_a_gaussian_is_the_mean_of_minus_its_logarithm():
@@ -84,8 +83,6 @@ def test_bad_settings_are_named():
         PrintedRule(range_min=3.0)
     with pytest.raises(InputError, match="speed"):
         PrintedRule(speed=0.0)
-    with pytest.raises(InputError, match="growth"):
-        actions(RULE, np.zeros(2), np.zeros((2, 2)), np.ones(2), np.ones(3))
 
 
 def test_what_is_looked_at_in_passing():

@@ -12,9 +12,8 @@ from evaluation.loops.loops_data import Reading, simulated
 from evaluation.loops.place_training import train_plain
 from evaluation.report import RunOptions
 from evaluation.slam import slam_places, slam_proximity
-from evaluation.slam.slam_as_node import false_closures
 from evaluation.slam.slam_direct import Direct, check, single_errors
-from evaluation.slam.slam_judging import Followed
+from evaluation.slam.slam_judging import Followed, false_closures, misses
 from loop_closure.places import recognizer
 from loop_closure.places.pairs import PairRule
 from loop_closure.places.place_model import PlaceModel
@@ -86,7 +85,7 @@ def test_the_plain_peer_closes_a_second_round() -> None:
     log = followed([LIDAR.scan(floor, pose, rng).scan for pose in truth], truth)
     run = slam_proximity.driven(log)
     assert len(run.closures) >= 3
-    assert false_closures(run, log, 0.5) == []
+    assert false_closures(misses(log, run.closures), 0.5) == []
     assert len(run.kept) == len(run.paths) == run.left
     np.testing.assert_allclose(run.estimate[:, :2], truth[:, :2], atol=0.2)
 

@@ -20,7 +20,7 @@ from estimation.geometry.poses import between
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.simulation import joined
-from whereabouts.simulation.people import seen as people
+from whereabouts.simulation.movers import outlines as people
 from whereabouts_msgs.msg import TargetArray, WorldState
 from world_model.warm_up import warm_up
 

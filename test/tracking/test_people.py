@@ -16,7 +16,6 @@ from evaluation.people.people_judging import (
     crossing_kept,
     follow_person,
     hidden_kept,
-    judge_everybody,
     judge_scene,
 )
 from registration import Scan
@@ -353,7 +352,9 @@ def test_the_middle_of_round_bodies_is_found_from_their_fronts() -> None:
 
 def test_round_people_are_found_at_once_and_kept_behind_pillars() -> None:
     rng = np.random.default_rng([13, 0])
-    judged = judge_everybody(occlusions(rng, OcclusionKind("pillars", "rounds", "round"), 8.0), rng)
+    judged = judge_scene(
+        occlusions(rng, OcclusionKind("pillars", "rounds", "round"), 8.0), rng, everybody=True
+    )
     assert np.mean(judged.ospa) < 0.25
     assert np.mean(judged.missed) < 0.5
     assert np.mean(judged.errors) < 0.15
@@ -396,7 +397,7 @@ def test_people_go_to_and_fro_on_their_routes(name: str) -> None:
 
 def test_who_goes_to_and_fro_behind_a_pillar_keeps_the_label() -> None:
     rng = np.random.default_rng([8, 5])
-    judged = judge_everybody(to_and_fro(rng, "pillars", "round", 6.0), rng)
+    judged = judge_scene(to_and_fro(rng, "pillars", "round", 6.0), rng, everybody=True)
     assert judged.switches == 0
     assert np.mean(judged.ospa[10:]) < 0.12
 

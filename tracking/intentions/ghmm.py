@@ -101,8 +101,7 @@ class GrowingHmm:
         belief, log_z = weigh(predicted, log_b, self.node)
         if np.isfinite(log_z):
             return np.asarray(belief)
-        found, log_z = weigh(self.prior, log_b, self.node)
-        return np.asarray(found)
+        return np.asarray(weigh(self.prior, log_b, self.node)[0])
 
     def move(self, moved: Callable[[FloatArray], FloatArray]) -> None:
         """Take map and observation probabilities to another frame."""

@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
+from estimation.filters.gaussians import LOG_TWO_PI
 
 IntArray = NDArray[np.int64]
 NOTHING = 1e-100
@@ -27,7 +28,7 @@ def log_observation(points: FloatArray, means: FloatArray, precisions: FloatArra
         for i in range(len(means)):
             x, y = points[k, 0] - means[i, 0], points[k, 1] - means[i, 1]
             square = precisions[i, 0] * x * x + 2.0 * precisions[i, 1] * x * y + precisions[i, 2] * y * y
-            out[k, i] = -0.5 * (square + precisions[i, 3]) - 1.8378770664093453
+            out[k, i] = -0.5 * (square + precisions[i, 3]) - LOG_TWO_PI
     return out
 
 

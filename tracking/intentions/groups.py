@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
+from tracking.intentions.observations import at_times
 
 # Walks remembered with their times: whoever walked beside somebody who is present has only just left.
 LATEST = 30
@@ -58,6 +59,5 @@ class Company:
             if high <= low:
                 continue
             both = rows[low:high]
-            x, y = (np.interp(both[:, 2], walk[:, 2], walk[:, axis]) for axis in (0, 1))
-            distances[known - back] = np.hypot(x - both[:, 0], y - both[:, 1]).mean()
+            distances[known - back] = np.hypot(*(at_times(walk, both[:, 2]) - both[:, :2]).T).mean()
         return distances

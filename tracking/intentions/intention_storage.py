@@ -38,10 +38,8 @@ def save(model: IntentionModel, path: Path, map_id: str) -> Path:
         "config": asdict(model.config),
     }
     arrays: dict[str, Any] = {"header": np.array(json.dumps(header))}
-    arrays |= {f"routes_{name}": value for name, value in model.routes.as_arrays().items()}
-    arrays |= {f"hmm_{name}": value for name, value in model.hmm.as_arrays().items()}
-    arrays |= {f"places_{name}": value for name, value in model.hmm.places.as_arrays().items()}
-    arrays |= {f"errors_{name}": value for name, value in model.errors.as_arrays().items()}
+    for prefix, part in _parts(model).items():
+        arrays |= {f"{prefix}{name}": value for name, value in part.as_arrays().items()}
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     except OSError as error:
@@ -83,17 +81,16 @@ def load(path: Path, map_id: str | None) -> IntentionModel:
         _check_magnitudes(arrays)
         model = IntentionModel.of(IntentionConfig(**header["config"]))
         model.learned = int(header["learned"])
-        parts: dict[str, Any] = {
-            "places_": model.hmm.places,
-            "hmm_": model.hmm,
-            "routes_": model.routes,
-            "errors_": model.errors,
-        }
-        for prefix, part in parts.items():
+        for prefix, part in _parts(model).items():
             part.from_arrays({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
     except (KeyError, TypeError, ValueError, IndexError, ArithmeticError, AttributeError) as error:
         raise InputError(f"{path}: is damaged or incomplete ({error})") from error
     return model
+
+
+def _parts(model: IntentionModel) -> dict[str, Any]:
+    """What is stored, by the beginnings of its arrays' names; the states of `hmm` need its map."""
+    return {"places_": model.hmm.places, "hmm_": model.hmm, "routes_": model.routes, "errors_": model.errors}
 
 
 def is_saved_model(path: Path) -> bool:

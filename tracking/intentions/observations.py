@@ -84,6 +84,11 @@ def spaced(points: FloatArray, step: float) -> FloatArray:
     return np.ascontiguousarray(points[kept])
 
 
+def at_times(rows: FloatArray, times: FloatArray) -> FloatArray:
+    """Positions (T, 2) of a track (N, 3) x, y, t at times (T,), straight in between."""
+    return np.column_stack([np.interp(times, rows[:, 2], rows[:, axis]) for axis in (0, 1)])
+
+
 def filled(points: FloatArray, step: float) -> FloatArray:
     """The path (N, 2) with points put into gaps wider than `step` m, evenly along the straight line."""
     if len(points) < 2:

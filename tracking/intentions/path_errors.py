@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
+from tracking.intentions.observations import at_times
 from tracking.intentions.prediction import PredictedWay
 
 # Times ahead at which a predicted path is compared with what followed, s.
@@ -92,14 +93,14 @@ def squared_rates(ways: Sequence[PredictedWay], probabilities: FloatArray, truth
     lags = np.array([lag for lag in LAGS if start + lag <= truth[-1, 2]])
     if not len(lags):
         return np.zeros((0, 2))
-    there = np.column_stack([np.interp(start + lags, truth[:, 2], truth[:, a]) for a in (0, 1)])
+    there = at_times(truth, start + lags)
     squares, logs = [], []
     for way in ways:
         t = way.path[:, 2]
         index = np.searchsorted(t, start + lags - 1e-6).clip(1, len(t) - 1)
         ahead = way.path[index, :2] - way.path[index - 1, :2]
         along = ahead / np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
-        off = there - np.column_stack([np.interp(start + lags, t, way.path[:, a]) for a in (0, 1)])
+        off = there - at_times(way.path, start + lags)
         on = np.einsum("li,li->l", off, along)
         squares.append(np.column_stack((on**2, np.maximum(np.square(off).sum(axis=1) - on**2, 0.0))))
         covariances = way.covariances[index]

@@ -16,13 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.checks import FloatArray
+from estimation.filters.gaussians import LOG_TWO_PI
 from tracking.mixture.components import Components, IntArray
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import OneReturn, PoissonCount, PositionMeasurement, Sight
 from tracking.phd.correction_kernels import centroid_log_likelihood
 from tracking.phd.partitions import Partitions
-
-LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
 
 @dataclass

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from estimation.checks import FloatArray
+from estimation.filters.gaussians import LOG_TWO_PI
 
 
 @njit(cache=True)
@@ -25,5 +26,5 @@ def centroid_log_likelihood(
             determinant = a * d - b * b
             x, y = centroids[c, 0] - means[j, 0], centroids[c, 1] - means[j, 1]
             square = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
-            out[c, j] = -0.5 * (square + math.log(determinant)) - 1.8378770664093453
+            out[c, j] = -0.5 * (square + math.log(determinant)) - LOG_TWO_PI
     return out

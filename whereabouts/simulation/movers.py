@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined
+from whereabouts.simulation.people import SimulatedWalker
+from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, unit
 
 KINDS = ("person", "cylinder", "box")
 
@@ -51,7 +53,7 @@ class Mover:
         x, y, yaw = self.pose(time)
         speed = float(np.linalg.norm(self.velocity))
         heading = np.arctan2(self.velocity[1], self.velocity[0]) if speed > 0.0 else yaw
-        ahead = np.array([np.cos(heading), np.sin(heading)])
+        ahead = unit(heading)
         aside = np.array([-ahead[1], ahead[0]])
         # A gait cycle covers two strides of ground.
         swing = 0.5 * self.size * np.sin(self.phase + np.pi * speed * time / self.size)
@@ -63,7 +65,7 @@ def random_mover(rng: np.random.Generator, position: Array, speed: tuple[float, 
     """A mover of any kind at `position` (2,) that goes anywhere, at `speed` m/s (from, to)."""
     kind = str(rng.choice(KINDS))
     heading = rng.uniform(-np.pi, np.pi)
-    velocity = rng.uniform(*speed) * np.array([np.cos(heading), np.sin(heading)])
+    velocity = rng.uniform(*speed) * unit(heading)
     size = {"person": rng.uniform(0.5, 0.8), "cylinder": rng.uniform(0.3, 0.6), "box": rng.uniform(0.6, 1.2)}[
         kind
     ]
@@ -78,10 +80,10 @@ def crowd(rng: np.random.Generator, around: Array, count: int, distance: tuple[f
     movers = []
     for _ in range(count):
         bearing, away = rng.uniform(-np.pi, np.pi), rng.uniform(*distance)
-        movers.append(random_mover(rng, around + away * np.array([np.cos(bearing), np.sin(bearing)])))
+        movers.append(random_mover(rng, around + away * unit(bearing)))
     return movers
 
 
-def outlines(movers: list[Mover], time: float) -> Shapes:
-    """All movers at `time` seconds, owners counting from 1 in the order of the list."""
+def outlines(movers: Sequence[Mover | SimulatedWalker], time: float) -> Shapes:
+    """All movers or people at `time` seconds, owners counting from 1 in the order of the list."""
     return joined([mover.shapes(time, owner) for owner, mover in enumerate(movers, start=1)])

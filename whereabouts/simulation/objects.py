@@ -14,7 +14,6 @@ from world_model import ObjectEvidence, WorldEvidence
 Array = NDArray[np.float64]
 CLASSES = ("cup", "bowl", "bottle", "book", "box")
 COLORS = ("red", "green", "blue", "white")
-EVERYWHERE = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
@@ -129,17 +128,20 @@ class ObjectScene:
 
     def _evidence(self, position: Array, kind: str, color: str, rng: np.random.Generator) -> ObjectEvidence:
         attributes = {
-            "class": self._distribution(kind, self.classes, rng),
-            "color": self._distribution(color, self.colors, rng),
+            "class": classified(rng, kind, self.classes, self.accuracy),
+            "color": classified(rng, color, self.colors, self.accuracy),
         }
         return ObjectEvidence(position, self.sigma**2 * np.eye(3), attributes)
 
-    def _distribution(self, true: str, names: Sequence[str], rng: np.random.Generator) -> dict[str, float]:
-        """What a classifier says that is right with probability `accuracy`, and knows it."""
-        others = [name for name in names if name != true]
-        said = true if not others or rng.random() < self.accuracy else str(rng.choice(others))
-        rest = (1.0 - self.accuracy) / max(len(names) - 1, 1)
-        return {name: (self.accuracy if name == said else rest) if others else 1.0 for name in names}
+
+def classified(
+    rng: np.random.Generator, true: str, names: Sequence[str], accuracy: float
+) -> dict[str, float]:
+    """What a classifier says that is right with probability `accuracy`, and knows it."""
+    others = [name for name in names if name != true]
+    said = true if not others or rng.random() < accuracy else str(rng.choice(others))
+    rest = (1.0 - accuracy) / max(len(others), 1)
+    return {name: (accuracy if name == said else rest) if others else 1.0 for name in names}
 
 
 def in_view(position: Array, sensor: dict[str, Any] | None) -> bool:

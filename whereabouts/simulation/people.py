@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimation.errors import InputError
-from whereabouts.simulation.shapes import Array, Shapes, circle, joined, polygon
+from whereabouts.simulation.shapes import Array, Shapes, circle, joined, polygon, unit
 
 BODIES = ("legs", "trunk", "skirt")
 CORNERS = 16  # of the ellipse of a trunk
@@ -95,6 +95,10 @@ class SimulatedWalker:
         along, marks = self.walked(time), self._marks  # type: ignore[attr-defined]
         return np.array([np.interp(along, marks, self.waypoints[:, k]) for k in range(2)])
 
+    def path(self, times: Array) -> Array:
+        """(T, 2) metres at `times` (T,) s."""
+        return np.array([self.position(time) for time in times])
+
     def velocity(self, time: float) -> Array:
         """(2,) m/s at `time` seconds."""
         step = 1e-3
@@ -114,7 +118,7 @@ class SimulatedWalker:
         build = self.build
         x, y = self.position(time)
         heading = self.heading(time)
-        ahead = np.array([np.cos(heading), np.sin(heading)])
+        ahead = unit(heading)
         aside = np.array([-ahead[1], ahead[0]])
         if build.body == "skirt":
             return circle(x, y, 0.5 * build.shoulders).owned_by(owner)
@@ -138,11 +142,6 @@ class SimulatedWalker:
         # A rounded triangle wave: the planted foot moves back at nearly walking speed as the trunk sees it.
         wave = np.arcsin(0.95 * np.sin(angle)) / np.arcsin(0.95)
         return float((0.5 if moving else 0.15) * self.build.stride * 0.9 * wave)
-
-
-def seen(walkers: list[SimulatedWalker], time: float) -> Shapes:
-    """All people at `time` seconds, owners counting from 1 in the order of the list."""
-    return joined([walker.shapes(time, owner) for owner, walker in enumerate(walkers, start=1)])
 
 
 def positions(walkers: list[SimulatedWalker], time: float) -> Array:

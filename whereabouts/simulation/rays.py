@@ -76,20 +76,18 @@ def cast(
     -------
     ranges : (N,) metres, inf where nothing is met. owners : (N,) of what is met, -1 for nothing.
     """
-    starts = np.ascontiguousarray(np.broadcast_to(origins, (len(angles), 2)), dtype=np.float64)
-    ranges, hits = _cast(
-        starts, np.asarray(angles, dtype=np.float64), shapes.segments, shapes.circles, max_range
-    )
+    ranges, hits = cast_shapes(shapes, origins, angles, max_range)
     owners = np.concatenate((shapes.segment_owners, shapes.circle_owners, np.array([-1])))
     return ranges, owners[hits]
 
 
 def cast_shapes(
-    shapes: Shapes, origin: Array, angles: Array, max_range: float = np.inf
+    shapes: Shapes, origins: Array, angles: Array, max_range: float = np.inf
 ) -> tuple[Array, NDArray[np.int64]]:
-    """As `cast` from one origin (2,), but which outline is met: (N,) segment k, or len(segments) + circle k, or -1."""
-    starts = np.ascontiguousarray(np.broadcast_to(origin, (len(angles), 2)), dtype=np.float64)
-    ranges, hits = _cast(
-        starts, np.asarray(angles, dtype=np.float64), shapes.segments, shapes.circles, max_range
+    """As `cast`, but which outline is met: (N,) segment k, or len(segments) + circle k, or -1."""
+    starts = np.ascontiguousarray(np.broadcast_to(origins, (len(angles), 2)), dtype=np.float64)
+    headings = np.asarray(angles, dtype=np.float64)
+    found: tuple[Array, NDArray[np.int64]] = _cast(
+        starts, headings, shapes.segments, shapes.circles, max_range
     )
-    return ranges, hits
+    return found

@@ -75,6 +75,11 @@ class Shapes:
         return nearest
 
 
+def unit(angle: float) -> Array:
+    """Direction (2,) of an angle, rad."""
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
 def joined(parts: Iterable[Shapes]) -> Shapes:
     """All outlines in one."""
     every = list(parts)

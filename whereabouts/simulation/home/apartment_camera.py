@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT, first_hits
+from whereabouts.simulation.objects import classified
 from whereabouts.simulation.shapes import Array
 from world_model import ObjectEvidence, WorldEvidence
 
@@ -152,17 +153,10 @@ class Camera:
         noise = rng.standard_normal(3) * sigma
         turn = _turned(np.eye(3), bearing).T
         attributes = {
-            "class": self._distribution(rng, item.kind, kinds),
-            "color": self._distribution(rng, item.color, colors),
+            "class": classified(rng, item.kind, kinds, self.accuracy),
+            "color": classified(rng, item.color, colors, self.accuracy),
         }
         return ObjectEvidence(local + turn @ noise, turn @ np.diag(sigma**2) @ turn.T, attributes)
-
-    def _distribution(self, rng: np.random.Generator, true: str, names: Sequence[str]) -> dict[str, float]:
-        """What a classifier says that is right with probability `accuracy`, and knows it."""
-        others = [name for name in names if name != true]
-        said = true if rng.random() < self.accuracy else str(rng.choice(others))
-        rest = (1.0 - self.accuracy) / len(others)
-        return {name: self.accuracy if name == said else rest for name in names}
 
 
 def person_block(position: Array) -> list[float]:

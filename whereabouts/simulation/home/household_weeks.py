@@ -119,16 +119,13 @@ class Weeks:
             seen = [
                 yaw
                 for yaw, spot in zip(yaws, sorted(spots), strict=True)
-                if self._visible(np.array([*stop[:2], yaw]), spot)
+                if self.camera.sees(np.array([*stop[:2], yaw]), self.home.blocks, np.array(spot))
             ]
             nearness = -min(math.dist(stop[:2], spot[:2]) for spot in spots)
             if (len(seen), nearness) > best[:2]:
                 best = (len(seen), nearness, stop[:2], seen)
         low, high = min(best[3], default=0.0), max(best[3], default=0.0)
         return best[2], [low, high] if high - low > 0.5 * self.camera.opening else [0.5 * (low + high)]
-
-    def _visible(self, pose: Array, spot: tuple[float, float, float]) -> bool:
-        return self.camera.sees(pose, self.home.blocks, np.array(spot))
 
     def _spots_of(self, index: int) -> dict[str, tuple[float, float, float]]:
         """Where one thing lies on each shelf: things that are there together lie beside each other."""

@@ -12,7 +12,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from whereabouts.simulation.home.apartment_camera import Camera
-from whereabouts.simulation.home.apartment_day import MOVED, ROUND, TICKS, Moment, Senses, things_at
+from whereabouts.simulation.home.apartment_day import (
+    MOVED,
+    PUT,
+    ROUND,
+    SPEEDS,
+    TICKS,
+    Moment,
+    Senses,
+    things_at,
+)
 from whereabouts.simulation.home.apartment_people import Resident, Stay, live
 from whereabouts.simulation.home.driving import Driver, floor_plan
 from whereabouts.simulation.home.floor_plan import Apartment, apartment
@@ -41,7 +50,6 @@ SHELVES: dict[str, tuple[tuple[float, float, float], ...]] = {
     "bookcase": ((0.8, -4.6, 1.0), (1.6, -4.6, 1.0)),
     "nightstand": ((6.2, -3.12, 0.6),),
 }
-FLOORS: dict[str, tuple[tuple[float, float, float], ...]] = {"bag_place": ((5.7, -1.6, 0.2),)}
 # Where what is carried lies at first, by where one stands to take it.
 HOME_OF = {
     "red cup": "kitchen_table",
@@ -52,7 +60,6 @@ HOME_OF = {
     "white clock": "nightstand",
 }
 LOUNGES = ("sofa", "sofa_right", "armchair", "bed", "wardrobe", "kitchen_north", "office", "living_west")
-SPEEDS = (0.95, 1.05, 0.85)
 
 
 @dataclass(frozen=True)
@@ -104,7 +111,7 @@ def _day(
     due = begin + float(rng.uniform(0.0, 40.0))
     for name in names:
         if name == MOVED:
-            there, spot = "bag_place", FLOORS["bag_place"][0]
+            there, spot = "bag_place", PUT[MOVED][0]
         else:
             there = str(rng.choice([k for k, left in shelves.items() if left and k != HOME_OF[name]]))
             spot = shelves[there].pop(int(rng.integers(len(shelves[there]))))

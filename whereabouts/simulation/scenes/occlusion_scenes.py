@@ -14,7 +14,7 @@ from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.people import Build, SimulatedWalker, random_build, wander
 from whereabouts.simulation.robot import Drive
 from whereabouts.simulation.scenes.people_scenes import PeopleScene
-from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon
+from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon, unit
 
 LAYOUTS = ("pillars", "screens", "open", "pillars in the open")
 MOTIONS = ("straight", "rounds", "waypoints")
@@ -106,7 +106,7 @@ def occlusions(rng: np.random.Generator, kind: OcclusionKind, duration: float = 
     count = int(rng.integers(2, 5))
     for _ in range(400):
         walker = _walker(rng, kind, room, all_round, duration)
-        path = np.array([walker.position(time) for time in times])
+        path = walker.path(times)
         if min(np.linalg.norm(path - other, axis=1).min() for other in taken) < APART:
             continue
         if min(room.distance(spot) for spot in path[::3]) < CLEAR:
@@ -150,15 +150,15 @@ def one_hardly_moves(rng: np.random.Generator, duration: float = 20.0) -> People
     kind = OcclusionKind("open", "straight")
     while True:
         bearing, away = rng.uniform(-0.8, 0.8), rng.uniform(2.0, 5.0)
-        spot, way = away * _unit(bearing), _unit(rng.uniform(-np.pi, np.pi))
+        spot, way = away * unit(bearing), unit(rng.uniform(-np.pi, np.pi))
         slow = SimulatedWalker(
             np.array([spot - 0.2 * way, spot + 0.2 * way]), 0.4 / duration, _build(rng, "round")
         )
         people = [slow]
-        paths = [np.array([slow.position(time) for time in times])]
+        paths = [slow.path(times)]
         for _ in range(100):
             walker = _walker(rng, kind, Shapes(), False, duration)
-            path = np.array([walker.position(time) for time in times])
+            path = walker.path(times)
             if min(np.linalg.norm(path - other, axis=1).min() for other in [*paths, 0.0 * path]) < APART:
                 continue
             people.append(walker)
@@ -195,11 +195,11 @@ def _room(rng: np.random.Generator, layout: str, all_round: bool) -> Shapes:
     spread = np.pi if all_round else 0.35 * np.pi
     if layout.startswith("pillars"):
         for bearing in rng.uniform(-spread, spread, int(rng.integers(3, 6))):
-            spot = rng.uniform(1.7, 3.0) * _unit(bearing)
+            spot = rng.uniform(1.7, 3.0) * unit(bearing)
             parts.append(circle(spot[0], spot[1], rng.uniform(0.15, 0.4)))
     if layout == "screens":
         bearing, away = rng.uniform(-0.4 * spread, 0.4 * spread), rng.uniform(2.0, 3.0)
-        middle, along = away * _unit(bearing), _unit(bearing + 0.5 * np.pi)
+        middle, along = away * unit(bearing), unit(bearing + 0.5 * np.pi)
         gap = 0.5 * rng.uniform(0.9, 1.4)
         for side in (1.0, -1.0):
             ends = middle + side * np.array([gap, gap + rng.uniform(0.6, 1.2)])[:, None] * along
@@ -245,14 +245,10 @@ def _walker(
             centre + axes * np.column_stack((np.cos(angles), np.sin(angles))), speed, build, phase=phase
         )
     bearing = rng.uniform(-np.pi, np.pi) if all_round else rng.uniform(-0.9, 0.9)
-    middle, way = rng.uniform(1.2, 4.8) * _unit(bearing), _unit(bearing + rng.uniform(0.25, 0.75) * np.pi)
+    middle, way = rng.uniform(1.2, 4.8) * unit(bearing), unit(bearing + rng.uniform(0.25, 0.75) * np.pi)
     reach = rng.uniform(2.0, 5.0)
     ends = [middle - reach * way, middle + reach * way]
     points = np.array([ends[k % 2] for k in range(2 + int(speed * duration / (2.0 * reach)))])
     if not all_round:
         points[:, 0] = np.maximum(points[:, 0], 0.6 + 0.25 * np.abs(points[:, 1]))
     return SimulatedWalker(points, speed, build, phase=phase)
-
-
-def _unit(angle: float) -> Array:
-    return np.array([np.cos(angle), np.sin(angle)])

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from registration.laser.scan import Scan
 from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.people import SimulatedWalker, positions, random_build, seen, wander
+from whereabouts.simulation.movers import outlines
+from whereabouts.simulation.people import SimulatedWalker, positions, random_build, wander
 from whereabouts.simulation.robot import Drive
 from whereabouts.simulation.rooms import random_floor, random_room
-from whereabouts.simulation.shapes import Array, Shapes, circle, joined, polygon
+from whereabouts.simulation.shapes import Array, Shapes, circle, joined, polygon, unit
 
 SCANNER = Lidar(beams=361, opening=np.pi, range_max=12.0, sigma=0.01)
 
@@ -58,7 +59,7 @@ class PeopleScene:
         """The scene, scan by scan."""
         for k in range(int(self.duration * self.rate) + 1):
             time = k / self.rate
-            shapes = joined([self.room, self.things, seen(self.people, time)])
+            shapes = joined([self.room, self.things, outlines(self.people, time)])
             # A scanner that needs no time for a sweep is in one place.
             still = callable(self.pose) and self.lidar.sweep_time == 0.0
             pose = self.pose(time) if still and callable(self.pose) else self.pose
@@ -85,12 +86,12 @@ def crossing(rng: np.random.Generator, body: str = "legs") -> PeopleScene:
     speeds = rng.uniform(0.8, 1.4, 2)
     # Passing at a distance of `gap`: the second is late, or off to the side where they meet head on.
     gap = rng.uniform(0.4, 0.9) if body == "legs" else rng.uniform(0.7, 1.0)
-    relative = speeds[0] * _unit(ways[0]) - speeds[1] * _unit(ways[1])
+    relative = speeds[0] * unit(ways[0]) - speeds[1] * unit(ways[1])
     aside = np.array([-relative[1], relative[0]]) / np.linalg.norm(relative)
     for k, way in enumerate(ways):
         offset = gap * aside * (0.5 if k == 0 else -0.5)
         before, after = 2.5 * speeds[k], 2.5 * speeds[k]
-        ends = np.array([middle + offset - before * _unit(way), middle + offset + after * _unit(way)])
+        ends = np.array([middle + offset - before * unit(way), middle + offset + after * unit(way)])
         people.append(
             SimulatedWalker(ends, speeds[k], random_build(rng, body), 0.5, phase=rng.uniform(0.0, 6.0))
         )
@@ -106,30 +107,19 @@ def hidden(rng: np.random.Generator, behind: str = "pillar", body: str = "legs")
     # The shadow is as wide, where he walks, as a second and a bit of walking and his own stride.
     half_shadow = 0.5 * rng.uniform(1.1, 1.6) * speed + wide
     size = near * half_shadow / np.hypot(far, half_shadow)
-    centre = near * _unit(bearing)
-    across = _unit(bearing + 0.5 * np.pi) * rng.choice([-1.0, 1.0])
-    spot = far * _unit(bearing)
+    centre = near * unit(bearing)
+    across = unit(bearing + 0.5 * np.pi) * rng.choice([-1.0, 1.0])
+    spot = far * unit(bearing)
     length = 2.2 * max(speed, 0.8) + half_shadow
-    walker = SimulatedWalker(
-        np.array([spot - length * across, spot + length * across]),
-        speed,
-        build,
-        0.5,
-        phase=rng.uniform(0.0, 6.0),
-    )
-    people = [walker]
+    begin = 1.6 if behind == "person" else 0.5
+    way = np.array([spot - length * across, spot + length * across])
+    people = [SimulatedWalker(way, speed, build, begin, phase=rng.uniform(0.0, 6.0))]
+    obstacles: list[Shapes] = []
     if behind == "person":
-        big = random_build(rng, "skirt")
-        stander = SimulatedWalker(
-            np.array([centre - 1.2 * _unit(bearing + 0.5 * np.pi), centre]),
-            1.0,
-            type(big)("skirt", shoulders=2.0 * size),
-            0.0,
-        )
-        people.append(stander)
-        walker = SimulatedWalker(walker.waypoints, speed, build, 1.6, phase=walker.phase)
-        people[0] = walker
-        obstacles: list[Shapes] = []
+        # Comes from the side, and stands there for the rest of the scene.
+        big = replace(random_build(rng, "skirt"), shoulders=2.0 * size)
+        from_aside = np.array([centre - 1.2 * unit(bearing + 0.5 * np.pi), centre])
+        people.append(SimulatedWalker(from_aside, 1.0, big))
     else:
         obstacles = [circle(centre[0], centre[1], size)]
     return PeopleScene(joined([_around(people, rng), *obstacles]), people, people[0].duration + 0.5)
@@ -159,8 +149,8 @@ def crowded_room(
         # People do not walk through each other, nor through the robot.
         for _ in range(40):
             walker = wander(rng, keep, (4.0, 3.5), duration, random_build(rng, body))
-            path = np.array([walker.position(time) for time in times])
-            lines = [robot, *(np.array([other.position(time) for time in times]) for other in people)]
+            path = walker.path(times)
+            lines = [robot, *(other.path(times) for other in people)]
             if min(np.linalg.norm(path - line, axis=1).min() for line in lines) > 0.6:
                 break
         people.append(walker)
@@ -230,14 +220,14 @@ def with_people(
         spot = visited[int(rng.integers(len(visited)))] + rng.uniform(-3.0, 3.0, 2)
         points, rests = spot[None], np.zeros(1)
         if len(people) < walking:
-            other = spot + rng.uniform(2.0, 5.0) * _unit(rng.uniform(-np.pi, np.pi))
+            other = spot + rng.uniform(2.0, 5.0) * unit(rng.uniform(-np.pi, np.pi))
             points = np.array([spot, other] * 12)
             rests = rng.uniform(0.0, 3.0, len(points))
         line = np.linspace(points[0], points[-1], 15)
         if min(solid.distance(place) for place in line) < 0.45:
             continue
         walker = SimulatedWalker(points, rng.uniform(0.7, 1.4), build, 0.0, rests, rng.uniform(0.0, 6.0))
-        path = np.array([walker.position(time) for time in times])
+        path = walker.path(times)
         if min(np.linalg.norm(path - other, axis=1).min() for other in taken) < 0.6:
             continue
         people.append(walker)
@@ -245,10 +235,6 @@ def with_people(
         if len(people) == most:
             break
     return replace(scene, people=people)
-
-
-def _unit(angle: float) -> Array:
-    return np.array([np.cos(angle), np.sin(angle)])
 
 
 def _around(people: list[SimulatedWalker], rng: np.random.Generator) -> Shapes:

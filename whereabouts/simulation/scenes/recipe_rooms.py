@@ -106,13 +106,9 @@ def learning_frames(
     rng: np.random.Generator, view_scale: float = 4.0, rooms: int = 30, width: float = RECIPE_SIZE
 ) -> list[list[str]]:
     """What a robot sees that looks around on a grid of places in rooms after the recipe."""
-    frames = []
-    for _ in range(rooms):
-        room = recipe_room(rng, width=width)
-        for x in np.arange(1.0, width, 2.0):
-            for y in np.arange(1.0, width, 2.0):
-                frames.append(sorted(room.seen(np.array([x, y]), view_scale)))
-    return frames
+    places = np.arange(1.0, width, 2.0)
+    made = (recipe_room(rng, width=width) for _ in range(rooms))
+    return [sorted(room.seen(np.array([x, y]), view_scale)) for room in made for x in places for y in places]
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from whereabouts.simulation.movers import Mover, random_mover
+from whereabouts.simulation.movers import Mover, crowd, random_mover
 from whereabouts.simulation.rooms import random_room
-from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon
+from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon, unit
 
 CAR = (4.3, 1.8)  # metres, length and width
 LANE = 1.8  # metres from the middle of the street to the middle of a lane
@@ -91,13 +91,9 @@ def traffic(rng: np.random.Generator, scene: str, count: int) -> list[Mover]:
     """`count` movers such as the scene has: cars and walkers in streets, boxes, cylinders and people indoors."""
     if scene == "street":
         return [_on_street(rng) for _ in range(count)]
-    away = {"hall": (1.5, 7.0), "office": (1.0, 3.0), "crowd": (0.9, 3.0)}[scene]
-    movers = []
-    for _ in range(count):
-        bearing, distance = rng.uniform(-np.pi, np.pi), rng.uniform(*away)
-        spot = distance * np.array([np.cos(bearing), np.sin(bearing)])
-        movers.append(random_mover(rng, spot))
-    return movers
+    return crowd(
+        rng, np.zeros(2), count, {"hall": (1.5, 7.0), "office": (1.0, 3.0), "crowd": (0.9, 3.0)}[scene]
+    )
 
 
 def _on_street(rng: np.random.Generator) -> Mover:
@@ -106,7 +102,7 @@ def _on_street(rng: np.random.Generator) -> Mover:
         speed = rng.uniform(2.0, 9.0)
         heading = (0.0 if side < 0.0 else np.pi) + rng.uniform(-0.06, 0.06)
         start = np.array([rng.uniform(-16.0, 20.0), side * LANE, heading])
-        velocity: Array = speed * np.array([np.cos(heading), np.sin(heading)])
+        velocity: Array = speed * unit(heading)
         return Mover("box", start, velocity, rng.uniform(-0.1, 0.1), CAR[0], width=CAR[1])
     side = rng.choice([-1.0, 1.0])
     return random_mover(rng, np.array([rng.uniform(-8.0, 12.0), side * rng.uniform(2.5, 6.0)]), (0.6, 1.8))

@@ -103,7 +103,7 @@ def _passers(
         else:
             spot = _half_hidden(rng, spots) if rng.random() < 0.5 else rng.uniform(-4.5, 4.5, 2)
             walker = SimulatedWalker(spot[None], 1.0, build, phase=rng.uniform(0.0, 6.0))
-        line = np.array([walker.position(time) for time in times])
+        line = walker.path(times)
         apart = min(np.linalg.norm(line[:, None] - other, axis=2).min() for other in taken)
         if apart > 0.6 and min(solid.distance(place) for place in line[::3]) > 0.35:
             people.append(walker)
