@@ -18,7 +18,7 @@ from estimation.checks import FloatArray, as_finite, as_shape
 from estimation.conversion.uncertain_frame import state_through_uncertain_pose
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
-from estimation.geometry.poses import between, compound, inverse
+from estimation.geometry.poses import between, compound, inverse, transform_points
 from registration.laser.own_body import OwnBody
 from registration.laser.range_noise import RangeNoise
 from registration.laser.scan import Scan
@@ -266,7 +266,7 @@ class PeopleTracker:
             return False
         shift = compound(pose, inverse(before))
         spots = np.array([target.mean[:2] + dt * target.mean[2:] for target in sure])
-        better = _fit(_moved(spots, shift), seen) - _fit(spots, seen)
+        better = _fit(transform_points(shift, spots), seen) - _fit(spots, seen)
         if better + math.log(self._jumps / (1.0 - self._jumps)) <= 0.0:
             return False
         self._jumps += min(dt / LEARNED, 0.5) * (1.0 - self._jumps)
@@ -274,9 +274,8 @@ class PeopleTracker:
         for evidence in self.evidence.values():
             evidence.shift(shift)
         self.identities.shift(shift)
-        c, s = math.cos(shift[2]), math.sin(shift[2])
-        turn = np.array([[c, -s], [s, c]])
-        self._between = {key: (seconds, turn @ way) for key, (seconds, way) in self._between.items()}
+        for key, (seconds, way) in self._between.items():
+            self._between[key] = seconds, transform_points([0.0, 0.0, shift[2]], way)
         self.health.jumps += 1
         return True
 
@@ -379,12 +378,6 @@ class PeopleTracker:
 
     def _people(self) -> list[Person]:
         return [target for target in self.targets if target.person > self.config.report]
-
-
-def _moved(spots: FloatArray, shift: FloatArray) -> FloatArray:
-    """Places (T, 2) after a motion (3,) of their frame."""
-    c, s = math.cos(shift[2]), math.sin(shift[2])
-    return np.asarray(spots @ np.array([[c, s], [-s, c]]) + shift[:2])
 
 
 def _fit(spots: FloatArray, seen: ClusterScan) -> float:
