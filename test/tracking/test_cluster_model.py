@@ -191,9 +191,9 @@ def test_bad_input_is_refused_and_late_scans_change_nothing() -> None:
         tracker.step(scan, np.zeros(2), 0.0)
     with pytest.raises(InputError, match="stamp"):
         tracker.step(scan, np.zeros(3), np.inf)
-    for stamp in (10.0, 10.1, 9.9, 10.2, 1.0):
+    for stamp in (10.0, 10.1, 9.9, 10.2, 1.0, 1.1):
         tracker.step(scan, np.zeros(3), stamp)
-    assert (tracker.health.late, tracker.health.restarts) == (1, 1)
+    assert (tracker.health.late, tracker.health.restarts) == (2, 1)
     empty = Scan(np.full(10, np.inf), -0.5, 0.1, 0.05, 10.0, 0.0)
     assert tracker.step(empty, np.zeros(3), 1.1) == []
 

@@ -258,17 +258,26 @@ def test_a_pose_that_jumps_loses_nobody() -> None:
     assert tracker.health.jumps == 1
 
 
-def test_a_scan_of_another_time_does_no_harm() -> None:
+@pytest.mark.parametrize("off", [-100.0, 3.0, 1e6])
+def test_a_scan_of_another_time_does_no_harm(off: float) -> None:
     tracker, told = PeopleTracker(), PeopleTracker()
     (before,) = walk(tracker, 30)
     walk(told, 30)
-    # A scan of long ago with a stamp three seconds ahead; then everything goes on.
-    tracker.step(scan_of(wall()), np.zeros(3), 5.9)
+    # A scan of long ago with a stamp that is wrong; then everything goes on.
+    tracker.step(scan_of(wall()), np.zeros(3), 2.9 + off)
     (after,) = walk(tracker, 10, first=30)
     (usual,) = walk(told, 10, first=30)
     assert after.label == before.label
     np.testing.assert_allclose(after.mean, usual.mean, atol=0.05)
     assert tracker.health.restarts == 0
+
+
+@pytest.mark.parametrize("period", [0.7, 1.5])
+def test_few_scans_a_second_are_all_used(period: float) -> None:
+    tracker = PeopleTracker()
+    for k in range(10):
+        tracker.step(scan_of(wall()), np.zeros(3), k * period)
+    assert tracker.health.late == 1  # the first gap
 
 
 def test_scans_without_returns_and_late_ones_are_survived() -> None:
@@ -279,10 +288,11 @@ def test_scans_without_returns_and_late_ones_are_survived() -> None:
     late = tracker.step(scan_of(wall()), np.zeros(3), 2.5)
     assert tracker.health.late == 1
     assert [target.label for target in late] in ([before.label], [])
-    tracker.step(scan_of(wall()), np.zeros(3), 300.0)
-    assert tracker.health.restarts == 1
-    tracker.step(scan_of(wall()), np.zeros(3), 10.0)
-    assert tracker.health.restarts == 2
+    # Another time begins where two scans agree on it.
+    for restarts, stamp in enumerate((300.0, 10.0), 1):
+        tracker.step(scan_of(wall()), np.zeros(3), stamp)
+        tracker.step(scan_of(wall()), np.zeros(3), stamp + 0.1)
+        assert tracker.health.restarts == restarts
     (again,) = walk(PeopleTracker(), 30)
     assert again.label == 0
 

@@ -15,7 +15,7 @@ from types import MappingProxyType
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.geometry.poses import compound
+from estimation.geometry.poses import transform_points
 from tracking.mixture.target import PublicLabels, Target
 
 FORGOTTEN = 3.0  # times the mean after which somebody does not come back
@@ -129,12 +129,11 @@ class ReturningPeople:
 
     def shift(self, motion: FloatArray) -> None:
         """Takes everybody along with the frame, which moved by (3,) x, y, yaw."""
-        c, s = math.cos(motion[2]), math.sin(motion[2])
-        turn = np.array([[c, -s], [s, c]])
         for known in (self.people, self.others):
             for label, away in known.items():
-                place = compound(motion, np.array([*away.mean[:2], 0.0]))[:2]
-                known[label] = replace(away, mean=np.concatenate([place, turn @ away.mean[2:]]))
+                place = transform_points(motion, away.mean[:2])
+                velocity = transform_points([0.0, 0.0, motion[2]], away.mean[2:])
+                known[label] = replace(away, mean=np.concatenate([place, velocity]))
 
     def name(self, target: int) -> Name:
         """What a target is told of by."""

@@ -7,10 +7,8 @@ about speed, company or history.
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,15 +18,15 @@ from estimation.checks import FloatArray, as_finite, as_shape
 from estimation.conversion.uncertain_frame import state_through_uncertain_pose
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
-from estimation.geometry.poses import between, compound, inverse
+from estimation.geometry.poses import between, compound, inverse, transform_points
 from registration.laser.own_body import OwnBody
 from registration.laser.range_noise import RangeNoise
 from registration.laser.scan import Scan
 from tracking.mixture.components import IntArray
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import Detection
-from tracking.mixture.pmbm import PmbmRecursion, ReturnLooks, State
-from tracking.mixture.target import LabelState, Target
+from tracking.mixture.pmbm import PmbmRecursion, ReturnLooks
+from tracking.mixture.target import Target
 from tracking.people.cluster_model import KINDS, SHAPE, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people.free_space import Background
 from tracking.people.identity import ReturningPeople
@@ -58,8 +56,7 @@ HELD = 1.0  # s without a guessed pose after which the surroundings are known: a
 # cluster is, m, but for a share that is not found at all.
 JUMPS, LEARNED = 0.001, 30.0
 FOUND, UNFOUND = 0.15, 0.0001
-# What is as before again where a scan, more than so many s after the one before it, turns out to have a wrong stamp.
-GAP, KEPT = 0.5, ("background", "evidence", "identities", "targets", "_between")
+GAP = 0.5  # s after a scan, or twice the time before it, from which the stamp of the next may be wrong
 UNSEEN = KINDS.index("unseen")
 LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped
 
@@ -133,9 +130,8 @@ class PeopleTracker:
         self._between: dict[tuple[int, int], tuple[float, FloatArray]] = {}
         self._own, self._noise = OwnBody(), RangeNoise()
         self.stamp: float | None = None
-        # What was before the last one.
-        self._gap: tuple[float, State, LabelState, dict[str, Any]] | None = None
-        self._late: float | None = None  # stamp of the scan before, if it was late
+        self._doubt: float | None = None  # stamp of the scan before, if it may be wrong
+        self._usual = PERIOD  # s from one scan to the next, as it was last
         self._pose: FloatArray | None = None
         self._uncertain: FloatArray | None = None
         self._held = math.inf  # s for which the pose has been known
@@ -230,42 +226,29 @@ class PeopleTracker:
         self.targets.sort(key=lambda target: target.label)
 
     def _interval(self, stamp: float) -> float | None:
-        """Seconds to predict over; None for a late scan.
+        """Seconds to predict over; None for a scan that is late or after a gap, which changes nothing.
 
-        Two late ones that follow each other are not late: the stamp of the one before them was wrong. Where that scan
-        came after a gap, all is again as it was before it: people in plain view were not where they had been long ago.
+        Its stamp may be wrong, and people in plain view would not be where they had been long ago. Where the next scan
+        agrees with it, it was right: that of the scan before them was wrong, or there was a gap, or time is another.
         """
-        last, config = self.stamp, self.config
-        before, self._late = self._late, None
-        if last is not None and -config.late_window <= stamp - last < 0.0:
-            self.health.late += 1
-            if before is None or not 0.0 < stamp - before <= config.max_gap:
-                self._late = stamp
+        last, doubt, config = self.stamp, self._doubt, self.config
+        self._doubt = None
+        if last is None:
+            return PERIOD
+        dt = stamp - last
+        if not 0.0 <= dt <= max(GAP, 2.0 * self._usual):
+            if doubt is None or not 0.0 < stamp - doubt <= config.max_gap:
+                self.health.late += 1
+                self._doubt = stamp
                 return None
-            last = self._as_before_gap(stamp) or before
-        if last is not None and stamp < last:
-            last = self._as_before_gap(stamp) or last
-        if last is not None and not 0.0 <= stamp - last <= config.max_gap:
-            self.health.restarts += 1
-            self.reset()
-            last = None
-        self._gap = None
-        if last is not None and stamp - last > GAP:
-            kept = {name: getattr(self, name) for name in KEPT}
-            self._gap = copy.deepcopy((last, self.recursion.state(), self.recursion.extractor.state(), kept))
-        return PERIOD if last is None else stamp - last
-
-    def _as_before_gap(self, stamp: float) -> float | None:
-        """Goes back to before the last gap and says when that was, s; None where `stamp` is not from soon after it."""
-        gap, self._gap = self._gap, None
-        if gap is None or not 0.0 < stamp - gap[0] <= self.config.max_gap:
-            return None
-        last, state, labels, kept = gap
-        self.recursion.restore(state)
-        self.recursion.extractor.restore(labels)
-        for name, value in kept.items():
-            setattr(self, name, value)
-        return last
+            if -config.late_window <= dt < 0.0:
+                dt = stamp - doubt
+            if not 0.0 <= dt <= config.max_gap:
+                self.health.restarts += 1
+                self.reset()
+                return PERIOD
+        self._usual = dt
+        return dt
 
     def _jumped(self, seen: ClusterScan, pose: FloatArray, dt: float) -> bool:
         """Whether the frame jumped, as odometry does that lost its way: everybody is then taken along.
@@ -283,7 +266,7 @@ class PeopleTracker:
             return False
         shift = compound(pose, inverse(before))
         spots = np.array([target.mean[:2] + dt * target.mean[2:] for target in sure])
-        better = _fit(_moved(spots, shift), seen) - _fit(spots, seen)
+        better = _fit(transform_points(shift, spots), seen) - _fit(spots, seen)
         if better + math.log(self._jumps / (1.0 - self._jumps)) <= 0.0:
             return False
         self._jumps += min(dt / LEARNED, 0.5) * (1.0 - self._jumps)
@@ -291,9 +274,8 @@ class PeopleTracker:
         for evidence in self.evidence.values():
             evidence.shift(shift)
         self.identities.shift(shift)
-        c, s = math.cos(shift[2]), math.sin(shift[2])
-        turn = np.array([[c, -s], [s, c]])
-        self._between = {key: (seconds, turn @ way) for key, (seconds, way) in self._between.items()}
+        for key, (seconds, way) in self._between.items():
+            self._between[key] = seconds, transform_points([0.0, 0.0, shift[2]], way)
         self.health.jumps += 1
         return True
 
@@ -396,12 +378,6 @@ class PeopleTracker:
 
     def _people(self) -> list[Person]:
         return [target for target in self.targets if target.person > self.config.report]
-
-
-def _moved(spots: FloatArray, shift: FloatArray) -> FloatArray:
-    """Places (T, 2) after a motion (3,) of their frame."""
-    c, s = math.cos(shift[2]), math.sin(shift[2])
-    return np.asarray(spots @ np.array([[c, s], [-s, c]]) + shift[:2])
 
 
 def _fit(spots: FloatArray, seen: ClusterScan) -> float:

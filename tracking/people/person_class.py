@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.geometry.poses import compound
+from estimation.geometry.poses import compound, transform_points
 from estimation.learning.gradient_boosting import GradientBoosting
 from tracking.mixture.target import Target
 from tracking.people.legs import FEATURES
@@ -188,10 +188,8 @@ class ClassEvidence:
 
     def shift(self, motion: FloatArray) -> None:
         """Takes what was seen along with its frame, which moved by (3,) x, y, yaw."""
-        c, s = math.cos(motion[2]), math.sin(motion[2])
-        turn = np.array([[c, -s], [s, c]])
-        self.origin, self.behind = turn @ self.origin + motion[:2], turn @ self.behind + motion[:2]
-        self.place = turn @ self.place
+        self.origin, self.behind = transform_points(motion, np.array([self.origin, self.behind]))
+        self.place = transform_points([0.0, 0.0, motion[2]], self.place)
         self.views = [view + motion[2] for view in self.views]
         if self.first_pose is not None:
             self.first_pose = compound(motion, self.first_pose)
