@@ -106,7 +106,7 @@ class Association:
             restrict(self.anchors.leaves, chosen, clear, view, quantities)
         told = view is not None and view.knows_hidden
         if measured.sensor is not None and not measured.silent and not told:
-            hide(self.anchors.leaves, chosen, len(chosen), clear, sensor, quantities)
+            hide(self.anchors.leaves, chosen, clear, sensor, quantities)
         self._cover(chosen, in_cone - clear > COVERED)
 
     def _cover(self, slots: IntArray, covered: npt.NDArray[np.bool_]) -> None:

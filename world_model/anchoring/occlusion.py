@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from scipy.spatial.distance import cdist
 from scipy.special import ndtr
@@ -19,25 +18,43 @@ LEAST_SIGMA = 0.01
 
 
 def hide(
-    leaves: Leaves,
-    chosen: IntArray,
-    count: int,
-    clear: FloatArray,
-    sensor: FloatArray,
-    quantities: Quantities,
+    leaves: Leaves, chosen: IntArray, clear: FloatArray, sensor: FloatArray, quantities: Quantities
 ) -> None:
-    """Lower the probability `clear` (n,) of being in view of leaves that others cover, in place.
+    """Lower the probability `clear` (n,) of being in view of the leaves `chosen` (n,) that others cover, in place.
 
     sensor (8,) as in `clearance`. What covers is surely there, and of a size that was measured.
     """
     here = leaves.behavior[:, REST] + leaves.behavior[:, MOVING]
     covers = np.flatnonzero((leaves.track >= 0) & (here > SURELY))
     covers = covers[quantities.told(leaves, covers, "size")[1]]
-    if len(covers) == 0:
+    index = np.flatnonzero(clear > 0.0)
+    slots = chosen[index]
+    if len(covers) == 0 or len(slots) == 0:
         return
-    own = np.full((len(leaves.track), 2), SMALL)
-    own[covers] = extents(leaves, covers, quantities).T
-    _cover(leaves, chosen[:count], clear, covers, own, sensor)
+    off, variance = _seen_from(sensor, leaves, slots)
+    front, spread = _seen_from(sensor, leaves, covers)
+    own = np.full((2, len(leaves.track)), SMALL)
+    own[:, covers] = extents(leaves, covers, quantities)
+    distance = np.maximum(np.hypot(off[:, 0], off[:, 1]), 1e-9)[:, None]
+    along = off[:, :2] @ front[:, :2].T / distance
+    share = along / distance
+    # In front of it, not beside it.
+    before = (along > 0.05) & (along <= distance - 0.5 * np.maximum(own[0, covers], SMALL))
+    before &= leaves.track[covers] != leaves.track[slots, None]
+    blur = np.maximum(np.sqrt(share**2 * variance[:, None] + spread), LEAST_SIGMA)
+    across = np.abs(np.outer(off[:, 1], front[:, 0]) - np.outer(off[:, 0], front[:, 1])) / distance
+    above = np.abs(front[:, 2] - share * off[:, 2:])
+    covered = before * np.ones(share.shape)
+    for side, away in zip(own, (across, above), strict=True):
+        half = 0.5 * share * side[slots, None] + blur
+        covered *= np.clip((0.5 * side[covers] + half - away) / (2.0 * half), 0.0, 1.0)
+    clear[index] *= (1.0 - covered).prod(1)
+
+
+def _seen_from(sensor: FloatArray, leaves: Leaves, slots: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Where leaves most probably are from a sensor (n, 3), m, and the largest variance of that (n,), m²."""
+    middle, variance = spots(leaves, slots)
+    return middle - sensor[:3], variance
 
 
 def restrict(
@@ -90,49 +107,3 @@ def extents(leaves: Leaves, slots: IntArray, quantities: Quantities) -> FloatArr
     ratio = np.where(known, np.maximum(ratio, FLATTEST), 1.0)
     width = np.maximum(size, 0.0) / np.sqrt(2.0 + ratio**2)
     return np.stack([width, ratio * width])
-
-
-@numba.njit(cache=True)
-def _place(leaves, i):  # type: ignore[no-untyped-def]
-    """Where a leaf most probably is, and how well that is known, m."""
-    moving = leaves.behavior[i, MOVING] > leaves.behavior[i, REST]
-    variance = 0.0
-    for a in range(3):
-        v = leaves.moving_cov[i, a, a] if moving else leaves.rest_cov[i, a, a]
-        variance = max(variance, v)
-    return (leaves.moving[i, :3] if moving else leaves.rest[i]), np.sqrt(variance)
-
-
-@numba.njit(cache=True)
-def _cover(leaves, chosen, clear, covers, extents, sensor):  # type: ignore[no-untyped-def]
-    for k in range(chosen.size):
-        if clear[k] <= 0.0:
-            continue
-        i = chosen[k]
-        x, sigma = _place(leaves, i)
-        dx, dy = x[0] - sensor[0], x[1] - sensor[1]
-        distance = np.sqrt(dx * dx + dy * dy)
-        if distance <= 0.0:
-            continue
-        for c in range(covers.size):
-            o = covers[c]
-            if leaves.track[o] == leaves.track[i]:
-                continue
-            y, spread = _place(leaves, o)
-            ox, oy = y[0] - sensor[0], y[1] - sensor[1]
-            along = (ox * dx + oy * dy) / distance
-            # In front of it, not beside it.
-            if along <= 0.05 or along > distance - 0.5 * max(extents[o, 0], SMALL):
-                continue
-            share = along / distance
-            blur = max(np.sqrt((share * sigma) ** 2 + spread**2), LEAST_SIGMA)
-            across = abs(ox * dy - oy * dx) / distance
-            half = 0.5 * share * extents[i, 0] + blur
-            cover = (0.5 * extents[o, 0] + half - across) / (2.0 * half)
-            if cover <= 0.0:
-                continue
-            above = abs(y[2] - sensor[2] - share * (x[2] - sensor[2]))
-            half = 0.5 * share * extents[i, 1] + blur
-            upright = (0.5 * extents[o, 1] + half - above) / (2.0 * half)
-            if upright > 0.0:
-                clear[k] *= 1.0 - min(cover, 1.0) * min(upright, 1.0)
