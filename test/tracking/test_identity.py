@@ -146,7 +146,7 @@ def test_one_new_where_a_person_went_is_rather_a_person_and_where_a_thing_went_r
     def odds(known: float, x: float = 0.0, told: frozenset[int] = frozenset()) -> float:
         kept = ReturningPeople()
         kept.people[3] = AwayPerson(np.array([0.0, 0.0, 0.0, 0.0]), 0.01, 0.0, 0.0, known)
-        origin = kept.origin(np.array([x, 0.0]), 0.0, 0.5, set(), 1.0)
+        origin = kept.origin(np.array([x, 0.0]), 0.0, 0.5, 1.0)
         assert origin is not None
         return origin.log_odds(set(told))
 

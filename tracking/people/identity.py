@@ -96,15 +96,12 @@ class Origin:
     """Whom a target may be that came up.
 
     known : by told label, the density, 1/m², of who was told of coming into view there, and how probably he is a
-    person. strangers, things : the densities of people and of things that nobody knew, 1/m². persons, others : of what
-    was not told of and is gone, as people and as things.
+    person. strangers, things : the densities of people and of things that nobody knew, 1/m².
     """
 
     known: dict[int, tuple[float, float]]
     strangers: float
     things: float
-    persons: float
-    others: float
 
     def log_odds(self, others: set[int]) -> float:
         """How much more probably it is a person than without history, nat, if it is none of the `others`.
@@ -112,8 +109,8 @@ class Origin:
         Who is known is again what he was.
         """
         back = [item for label, item in self.known.items() if label not in others]
-        persons = self.persons + sum(density * person for density, person in back)
-        things = self.others + sum(density * (1.0 - person) for density, person in back)
+        persons = sum(density * person for density, person in back)
+        things = sum(density * (1.0 - person) for density, person in back)
         return math.log1p(persons / self.strangers) - math.log1p(things / max(self.things, 1e-12))
 
 
@@ -124,16 +121,13 @@ class ReturningPeople:
         self.walking = walking or Walking()
         self.names: dict[int, Name] = {}  # by label of the target
         self.people: dict[int, AwayPerson] = {}  # by told label, whoever was told of as a person
-        # By label of the target, all that was followed and is not told of.
-        self.others: dict[int, AwayPerson] = {}
 
     def shift(self, motion: FloatArray) -> None:
         """Takes everybody along with the frame, which moved by (3,) x, y, yaw."""
-        for known in (self.people, self.others):
-            for label, away in known.items():
-                place = transform_points(motion, away.mean[:2])
-                velocity = transform_points([0.0, 0.0, motion[2]], away.mean[2:])
-                known[label] = replace(away, mean=np.concatenate([place, velocity]))
+        for label, away in self.people.items():
+            place = transform_points(motion, away.mean[:2])
+            velocity = transform_points([0.0, 0.0, motion[2]], away.mean[2:])
+            self.people[label] = replace(away, mean=np.concatenate([place, velocity]))
 
     def name(self, target: int) -> Name:
         """What a target is told of by."""
@@ -175,31 +169,17 @@ class ReturningPeople:
                 self.people[label] = _seen(person, stamp, known.get(person.label, 1.0))
         return left
 
-    def follow(self, targets: Sequence[Target], known: Mapping[int, float], stamp: float) -> None:
-        """Takes in targets that are seen but not told of as people; known : how probably each is one, by label."""
-        oldest = stamp - FORGOTTEN * self.walking.turning
-        self.others = {label: one for label, one in self.others.items() if one.stamp >= oldest}
-        for target in targets:
-            self.others[target.label] = _seen(target, stamp, known[target.label])
-
-    def origin(
-        self, place: FloatArray, unseen: float, birth_class: float, living: set[int], stamp: float
-    ) -> Origin | None:
+    def origin(self, place: FloatArray, unseen: float, birth_class: float, stamp: float) -> Origin | None:
         """Whom one new at a place (2,) may be; of strangers, `birth_class` are people. None for nobody known."""
-        others = [one for label, one in self.others.items() if label not in living]
-        away = [*self.people.values(), *others]
-        if not away or birth_class <= 0.0:
+        if not self.people or birth_class <= 0.0:
             return None
-        back = np.exp(self.walking.log_intensities(away, place, stamp)).tolist()
-        people, rest = back[: len(self.people)], back[len(self.people) :]
+        back = np.exp(self.walking.log_intensities(list(self.people.values()), place, stamp)).tolist()
         known = {
             label: (density, one.person)
-            for (label, one), density in zip(self.people.items(), people, strict=True)
+            for (label, one), density in zip(self.people.items(), back, strict=True)
         }
         strangers = math.exp(self.walking.log_strangers(unseen))
-        persons = sum(density * one.person for density, one in zip(rest, others, strict=True))
-        things = strangers * (1.0 - birth_class) / birth_class
-        return Origin(known, strangers, things, persons, sum(rest) - persons)
+        return Origin(known, strangers, strangers * (1.0 - birth_class) / birth_class)
 
     def _who(self, person: Target, told: set[int], unseen: float, stamp: float) -> Name:
         """The likeliest of those who are away and a stranger."""

@@ -215,8 +215,6 @@ class PeopleTracker:
         stamp, labels = float(self.stamp or 0.0), self.recursion.extractor.labels
         unseen = {target.label: self.evidence[target.label].unseen for target in self.targets}
         looked = {target.label: self._person_alone(target.label) for target in self.targets}
-        others = [one for one in self.targets if one.person <= self.config.report and not one.occluded]
-        self.identities.follow(others, looked, stamp)
         left = self.identities.update(self._people(), seen, unseen, living, stamp, labels, looked)
         self.recursion.forget(left - {target.label for target in self.targets}, {})
         for k, target in enumerate(self.targets):
@@ -323,7 +321,7 @@ class PeopleTracker:
         for target, whose, others in zip(found, mine, around, strict=True):
             evidence = self.evidence.get(target.label)
             if evidence is None:
-                evidence = self.evidence[target.label] = self._newcomer(target.mean[:2], whose, seen, living)
+                evidence = self.evidence[target.label] = self._newcomer(target.mean[:2], whose, seen)
             evidence.look(seen, rows, whose, target, pose, others, dt, stamp, posed)
         self.evidence = {label: item for label, item in self.evidence.items() if label in living}
         odds = self.classes.odds([self.evidence[target.label].features(target) for target in found])
@@ -342,13 +340,11 @@ class PeopleTracker:
                 known["rate"] = self.evidence[target.label].returns
                 self.targets.append(Person(**known, person=person, occluded=last < stamp, last_seen=last))
 
-    def _newcomer(
-        self, place: FloatArray, whose: IntArray, seen: ClusterScan, living: set[int]
-    ) -> ClassEvidence:
+    def _newcomer(self, place: FloatArray, whose: IntArray, seen: ClusterScan) -> ClassEvidence:
         """What is known of a target before it is looked at: where it is (2,), and who it may be."""
         unseen = float(seen.kinds[whose, UNSEEN].max(initial=0.0))
         birth_class = float(seen.birth_class[whose].max(initial=0.0))
-        before = self.identities.origin(place, unseen, birth_class, living, float(self.stamp or 0.0))
+        before = self.identities.origin(place, unseen, birth_class, float(self.stamp or 0.0))
         return ClassEvidence(place.copy(), unseen, before, birth_class)
 
     def _person_alone(self, label: int) -> float:
