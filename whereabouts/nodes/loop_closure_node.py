@@ -74,12 +74,11 @@ class LoopClosureNode(SuiteNode):
         # A person, not a sensor: its stamp says nothing about the run.
         self.add_input(PoseWithCovarianceStamped, "initialpose", self._take_initial_pose, sensor=False)
         warm_up()
-        kind, topic, take = (
-            (PointCloud2, settings.cloud_topic, self._take_cloud)
-            if settings.cloud_topic
-            else (LaserScan, settings.scan_topic, self._take_scan)
+        cloud_topic, scan_topic = settings.cloud_topic, settings.scan_topic
+        kind, topic = (PointCloud2, cloud_topic) if cloud_topic else (LaserScan, scan_topic)
+        self._range_input = self.add_input(
+            kind, topic, self._take_view, frames=self._frames, companions=[sure]
         )
-        self._range_input = self.add_input(kind, topic, take, frames=self._frames, companions=[sure])
         self._closures_output = self.add_output(LoopClosure, "loop_closures", 100)
         self._map = MapInUse(self, self._for_tf, self.aside)
         self._publisher = MapPublisher(self, self._map)
@@ -153,37 +152,32 @@ class LoopClosureNode(SuiteNode):
         by_tf = self.transforms.lookup(self.settings.odom_frame, self.settings.base_frame, stamp)
         return self._source.pose(stamp, by_tf, self.transforms)
 
-    def _take_scan(self, message: LaserScan, stamp: int) -> None:
+    def _take_view(self, message: LaserScan | PointCloud2, stamp: int) -> None:
         begun = time.perf_counter()
-        self._check_order(stamp)
-        scan = scan_from_message(message)
+        # A map is made along the path: what comes after others of a later stamp says nothing new.
+        if self._range_input.behind(stamp) > 0:
+            raise InputError("its stamp is older than that of the previous message")
+        view: Scan | Array
+        is_scan = isinstance(message, LaserScan)
+        view = scan_from_message(message) if is_scan else points_from_message(message)[0]
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
-        base = pose_from_matrix(self._odometry(stamp))
-        level = level_pose(mounting)
-        if level is None:
-            scan, level = seen_from_robot((scan, mounting)), np.zeros(3)
+        odometry, covariance = self._odometry(stamp), self._covariances.pop(stamp, None)
+        if isinstance(view, Scan):
+            level = level_pose(mounting)
+            if level is None:
+                view, level = seen_from_robot((view, mounting)), np.zeros(3)
+            else:
+                view = upright(view, mounting)
+            self._map.mounting = level
+            odometry = compound(pose_from_matrix(odometry)[PLANAR], level)
+            covariance = None if covariance is None else covariance[np.ix_(PLANAR, PLANAR)]
         else:
-            scan = upright(scan, mounting)
-        self._map.mounting = level
-        odometry = compound(base[PLANAR], level)
-        covariance = self._covariances.pop(stamp, None)
-        known = None if covariance is None else covariance[np.ix_(PLANAR, PLANAR)]
-        self._advance(scan, odometry, known, stamp, begun)
+            view = view @ mounting[:3, :3].T + mounting[:3, 3]
+        self._advance(view, odometry, covariance, stamp)
+        self._slowest = max(self._slowest, time.perf_counter() - begun)
+        self._transform.tell(stamp)
 
-    def _take_cloud(self, message: PointCloud2, stamp: int) -> None:
-        begun = time.perf_counter()
-        self._check_order(stamp)
-        points, _ = points_from_message(message)
-        settings = self.settings
-        mounting = self.transforms.lookup(settings.base_frame, message.header.frame_id, stamp)
-        base = self._odometry(stamp)
-        cloud = points @ mounting[:3, :3].T + mounting[:3, 3]
-        covariance = self._covariances.pop(stamp, None)
-        self._advance(cloud, base, covariance, stamp, begun)
-
-    def _advance(
-        self, view: Scan | Array, odometry: Array, covariance: Array | None, stamp: int, begun: float
-    ) -> None:
+    def _advance(self, view: Scan | Array, odometry: Array, covariance: Array | None, stamp: int) -> None:
         """Go on with a scan or cloud: in a map, or by making one."""
         made = self._map
         self._stamp = stamp
@@ -196,13 +190,6 @@ class LoopClosureNode(SuiteNode):
             made.take_correction()
             if isinstance(view, Scan) and (update.keyframe is not None or made.grid.behind):
                 made.draw()
-        self._slowest = max(self._slowest, time.perf_counter() - begun)
-        self._transform.tell(stamp)
-
-    def _check_order(self, stamp: int) -> None:
-        """A map is made along the path: what comes after others of a later stamp says nothing new."""
-        if self._range_input.behind(stamp) > 0:
-            raise InputError("its stamp is older than that of the previous message")
 
     def _take_update(self, update: SlamUpdate) -> None:
         self._waiting = update.waiting
