@@ -28,8 +28,7 @@ from registration.laser.scan import Scan
 from whereabouts.nodes.mapping.map_editing import MapEditing
 from whereabouts.nodes.mapping.map_files import MapFiles
 from whereabouts.nodes.mapping.map_in_use import MapInUse
-from whereabouts.nodes.mapping.map_publisher import MapPublisher
-from whereabouts.nodes.mapping.map_transform import MapTransform
+from whereabouts.nodes.mapping.map_publisher import MapPublisher, MapTransform
 from whereabouts.nodes.mapping.odometry_source import OdometrySource
 from whereabouts.nodes.messages.conversions import (
     PLANAR,
@@ -87,11 +86,11 @@ class LoopClosureNode(SuiteNode):
         self._editing = MapEditing(self)
         if settings.nav2_services:
             Nav2Maps(self, files)
-        self.add_timer(settings.tf_period, lambda: self._transform.repeat(self._stamp))
+        self.add_timer(settings.tf_period, self._transform.repeat)
         self.add_timer(settings.tf_period, self._catch_up)
-        self.add_timer(settings.map_period, self.publish_map)
-        self.add_timer(settings.map_period, lambda: self._publisher.send_markers(self._stamp))
-        self.add_timer(settings.map_period / 4.0, lambda: self._publisher.send_changes(self._stamp))
+        self.add_timer(settings.map_period, self._publisher.send)
+        self.add_timer(settings.map_period, self._publisher.send_markers)
+        self.add_timer(settings.map_period / 4.0, self._publisher.send_changes)
         if settings.save_period > 0.0 and settings.map_file:
             self.add_timer(settings.save_period, files.save_regularly)
 
@@ -109,13 +108,12 @@ class LoopClosureNode(SuiteNode):
         self._publisher.forget()
         self._covariances: OrderedDict[int, Array] = OrderedDict()
         self._source.clear()
-        self._stamp: int | None = None
         self._caught_up: int | None = None  # the stamp when it was last looked whether scans come
         self._waiting = 0
         self._slowest = 0.0
 
     def health(self) -> Health:
-        if not self.active or self._stamp is None:
+        if not self.active or self._map.stamp is None:
             return Health("waiting for scans and odometry")
         figures: dict[str, object] = {
             "keyframes": len(self._map.slam.keyframes),
@@ -175,12 +173,12 @@ class LoopClosureNode(SuiteNode):
             view = view @ mounting[:3, :3].T + mounting[:3, 3]
         self._advance(view, odometry, covariance, stamp)
         self._slowest = max(self._slowest, time.perf_counter() - begun)
-        self._transform.tell(stamp)
+        self._transform.tell()
 
     def _advance(self, view: Scan | Array, odometry: Array, covariance: Array | None, stamp: int) -> None:
         """Go on with a scan or cloud: in a map, or by making one."""
         made = self._map
-        self._stamp = stamp
+        made.stamp = stamp
         if made.localizer is not None:
             made.locate(view, odometry)
         elif not self._editing.paused or not len(made.slam.keyframes):
@@ -225,16 +223,11 @@ class LoopClosureNode(SuiteNode):
 
     def _catch_up(self) -> None:
         """While no scans come, go on with what they left over."""
-        came, self._caught_up = self._stamp != self._caught_up, self._stamp
+        came, self._caught_up = self._map.stamp != self._caught_up, self._map.stamp
         if came or self._map.localizer is not None or not self._map.slam.behind:
             return
         self._take_update(self._map.slam.work())
         self._map.take_correction()
-
-    def publish_map(self) -> None:
-        """Send the map, where it has changed."""
-        if self._stamp is not None:
-            self._publisher.send(self._stamp)
 
     # What a person does to the map; see `MapEditing`.
 
@@ -250,12 +243,12 @@ class LoopClosureNode(SuiteNode):
 
     def map_now(self) -> GridMessage:
         """The map with all that is known. Raises InputError where there is none yet."""
-        return self._publisher.message(self.now if self._stamp is None else self._stamp)
+        return self._publisher.message(self.now if self._map.stamp is None else self._map.stamp)
 
     def map_edited(self, before: Array) -> None:
         """Publish everything anew. The robot goes with the last keyframe, `before` being its pose until now."""
         if self._map.edited(before):
-            self._transform.publish(self._stamp)
+            self._transform.publish()
 
     def look_anew(self) -> None:
         """Look for the robot in the whole map. Raises InputError where there is none yet."""
