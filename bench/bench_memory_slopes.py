@@ -129,9 +129,9 @@ def loop_closure_feed(node: LoopClosureNode, hours: float) -> Feed:
         place(node, "odom", "base_link", at, spatial(odometry))
         place(node, "base_link", "laser", at, spatial(LASER_MOUNT))
         ranges = scan.ranges + rng.normal(0.0, 0.005, len(scan))
-        node._take_scan(scan_message(replace(scan, ranges=ranges), at), at)
+        node._take_view(scan_message(replace(scan, ranges=ranges), at), at)
         if k % 2:
-            node.publish_map()
+            node._publisher.send()
         yield float(k)
 
 

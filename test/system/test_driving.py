@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from action_msgs.msg import GoalStatus
 
+from whereabouts.nodes.navigation import goals
 from whereabouts.nodes.navigation.goals import Approach, Navigator
 
 
@@ -61,28 +64,51 @@ class DrivingServer:
         self.results[index].answer(SimpleNamespace(status=status, result=SimpleNamespace(error_code=code)))
 
 
-def test_what_nav2_cannot_reach_or_refuses_is_told_and_what_it_reaches_is_not() -> None:
+Driver = Callable[[DrivingServer], Navigator]
+
+
+@pytest.fixture
+def driver_of(monkeypatch: pytest.MonkeyPatch) -> Driver:
+    """Makes what drives by a server; a goal is its pose."""
+
+    def driver(nav2: DrivingServer) -> Navigator:
+        monkeypatch.setattr(goals, "navigate_type", lambda: SimpleNamespace(Goal=lambda pose: pose))
+        monkeypatch.setattr(goals, "ActionClient", lambda *_: nav2)
+        return Navigator(None)  # type: ignore[arg-type]
+
+    return driver
+
+
+def test_what_nav2_cannot_reach_or_refuses_is_told_and_what_it_reaches_is_not(driver_of: Driver) -> None:
     nav2 = DrivingServer()
     failures: list[int] = []
-    navigator = Navigator(nav2, lambda pose: ("goal", pose))
+    navigator = driver_of(nav2)
     statuses = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
     for index, status in enumerate(statuses):
         assert navigator.go(index, partial(failures.append, index))
         nav2.take(index)
         nav2.end(index, status)
-    assert nav2.goals == [("goal", 0), ("goal", 1), ("goal", 2)]
+    assert nav2.goals == [0, 1, 2]
     assert failures == [1]
     navigator.go(3, lambda: failures.append(3))
     nav2.take(3, accepted=False)
     assert failures == [1, 3]
-    assert not Navigator(DrivingServer(ready=False), lambda pose: pose).go(0, lambda: failures.append(0))
+    assert not driver_of(DrivingServer(ready=False)).go(0, lambda: failures.append(0))
     assert nav2.cancelled == []
 
 
-def test_goals_that_nobody_wants_any_more_are_cancelled_whenever_nav2_answers() -> None:
+def test_a_driver_that_nobody_wants_leaves_goals_to_others() -> None:
+    navigator = Navigator(None, wanted=False)  # type: ignore[arg-type]
+    assert navigator.go(0, lambda: pytest.fail("nothing was tried"))
+    navigator.stop()
+    navigator.close()
+    assert (navigator.ready, navigator.figures) == (False, {})
+
+
+def test_goals_that_nobody_wants_any_more_are_cancelled_whenever_nav2_answers(driver_of: Driver) -> None:
     nav2 = DrivingServer()
     failures: list[int] = []
-    navigator = Navigator(nav2, lambda pose: pose)
+    navigator = driver_of(nav2)
     navigator.go(0, lambda: failures.append(0))
     navigator.stop()
     nav2.take(0)
@@ -95,10 +121,12 @@ def test_goals_that_nobody_wants_any_more_are_cancelled_whenever_nav2_answers() 
     assert failures == []
 
 
-def test_a_goal_that_nav2_gives_up_is_tried_once_more_and_another_ones_goal_is_left_alone() -> None:
+def test_a_goal_that_nav2_gives_up_is_tried_once_more_and_another_ones_goal_is_left_alone(
+    driver_of: Driver,
+) -> None:
     nav2 = DrivingServer()
     failures: list[str] = []
-    navigator = Navigator(nav2, lambda pose: pose)
+    navigator = driver_of(nav2)
     navigator.go("door", lambda: failures.append(navigator.reason))
     nav2.take(0)
     nav2.feedback[0](

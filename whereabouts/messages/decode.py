@@ -31,7 +31,7 @@ SLOWEST = 10.0  # s between beams; more is not meant
 PLANE = np.ix_((0, 1, 5), (0, 1, 5))
 
 
-class UnusableMessageError(ValueError):
+class UnusableMessageError(InputError):
     """A well-formed message with content that cannot be used; the message is the reason that is counted."""
 
 

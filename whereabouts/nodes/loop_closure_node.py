@@ -28,8 +28,7 @@ from registration.laser.scan import Scan
 from whereabouts.nodes.mapping.map_editing import MapEditing
 from whereabouts.nodes.mapping.map_files import MapFiles
 from whereabouts.nodes.mapping.map_in_use import MapInUse
-from whereabouts.nodes.mapping.map_publisher import MapPublisher
-from whereabouts.nodes.mapping.map_transform import MapTransform
+from whereabouts.nodes.mapping.map_publisher import MapPublisher, MapTransform
 from whereabouts.nodes.mapping.odometry_source import OdometrySource
 from whereabouts.nodes.messages.conversions import (
     PLANAR,
@@ -74,12 +73,11 @@ class LoopClosureNode(SuiteNode):
         # A person, not a sensor: its stamp says nothing about the run.
         self.add_input(PoseWithCovarianceStamped, "initialpose", self._take_initial_pose, sensor=False)
         warm_up()
-        kind, topic, take = (
-            (PointCloud2, settings.cloud_topic, self._take_cloud)
-            if settings.cloud_topic
-            else (LaserScan, settings.scan_topic, self._take_scan)
+        cloud_topic, scan_topic = settings.cloud_topic, settings.scan_topic
+        kind, topic = (PointCloud2, cloud_topic) if cloud_topic else (LaserScan, scan_topic)
+        self._range_input = self.add_input(
+            kind, topic, self._take_view, frames=self._frames, companions=[sure]
         )
-        self._range_input = self.add_input(kind, topic, take, frames=self._frames, companions=[sure])
         self._closures_output = self.add_output(LoopClosure, "loop_closures", 100)
         self._map = MapInUse(self, self._for_tf, self.aside)
         self._publisher = MapPublisher(self, self._map)
@@ -88,11 +86,11 @@ class LoopClosureNode(SuiteNode):
         self._editing = MapEditing(self)
         if settings.nav2_services:
             Nav2Maps(self, files)
-        self.add_timer(settings.tf_period, lambda: self._transform.repeat(self._stamp))
+        self.add_timer(settings.tf_period, self._transform.repeat)
         self.add_timer(settings.tf_period, self._catch_up)
-        self.add_timer(settings.map_period, self.publish_map)
-        self.add_timer(settings.map_period, lambda: self._publisher.send_markers(self._stamp))
-        self.add_timer(settings.map_period / 4.0, lambda: self._publisher.send_changes(self._stamp))
+        self.add_timer(settings.map_period, self._publisher.send)
+        self.add_timer(settings.map_period, self._publisher.send_markers)
+        self.add_timer(settings.map_period / 4.0, self._publisher.send_changes)
         if settings.save_period > 0.0 and settings.map_file:
             self.add_timer(settings.save_period, files.save_regularly)
 
@@ -110,13 +108,12 @@ class LoopClosureNode(SuiteNode):
         self._publisher.forget()
         self._covariances: OrderedDict[int, Array] = OrderedDict()
         self._source.clear()
-        self._stamp: int | None = None
         self._caught_up: int | None = None  # the stamp when it was last looked whether scans come
         self._waiting = 0
         self._slowest = 0.0
 
     def health(self) -> Health:
-        if not self.active or self._stamp is None:
+        if not self.active or self._map.stamp is None:
             return Health("waiting for scans and odometry")
         figures: dict[str, object] = {
             "keyframes": len(self._map.slam.keyframes),
@@ -153,40 +150,35 @@ class LoopClosureNode(SuiteNode):
         by_tf = self.transforms.lookup(self.settings.odom_frame, self.settings.base_frame, stamp)
         return self._source.pose(stamp, by_tf, self.transforms)
 
-    def _take_scan(self, message: LaserScan, stamp: int) -> None:
+    def _take_view(self, message: LaserScan | PointCloud2, stamp: int) -> None:
         begun = time.perf_counter()
-        self._check_order(stamp)
-        scan = scan_from_message(message)
+        # A map is made along the path: what comes after others of a later stamp says nothing new.
+        if self._range_input.behind(stamp) > 0:
+            raise InputError("its stamp is older than that of the previous message")
+        view: Scan | Array
+        is_scan = isinstance(message, LaserScan)
+        view = scan_from_message(message) if is_scan else points_from_message(message)[0]
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
-        base = pose_from_matrix(self._odometry(stamp))
-        level = level_pose(mounting)
-        if level is None:
-            scan, level = seen_from_robot((scan, mounting)), np.zeros(3)
+        odometry, covariance = self._odometry(stamp), self._covariances.pop(stamp, None)
+        if isinstance(view, Scan):
+            level = level_pose(mounting)
+            if level is None:
+                view, level = seen_from_robot((view, mounting)), np.zeros(3)
+            else:
+                view = upright(view, mounting)
+            self._map.mounting = level
+            odometry = compound(pose_from_matrix(odometry)[PLANAR], level)
+            covariance = None if covariance is None else covariance[np.ix_(PLANAR, PLANAR)]
         else:
-            scan = upright(scan, mounting)
-        self._map.mounting = level
-        odometry = compound(base[PLANAR], level)
-        covariance = self._covariances.pop(stamp, None)
-        known = None if covariance is None else covariance[np.ix_(PLANAR, PLANAR)]
-        self._advance(scan, odometry, known, stamp, begun)
+            view = view @ mounting[:3, :3].T + mounting[:3, 3]
+        self._advance(view, odometry, covariance, stamp)
+        self._slowest = max(self._slowest, time.perf_counter() - begun)
+        self._transform.tell()
 
-    def _take_cloud(self, message: PointCloud2, stamp: int) -> None:
-        begun = time.perf_counter()
-        self._check_order(stamp)
-        points, _ = points_from_message(message)
-        settings = self.settings
-        mounting = self.transforms.lookup(settings.base_frame, message.header.frame_id, stamp)
-        base = self._odometry(stamp)
-        cloud = points @ mounting[:3, :3].T + mounting[:3, 3]
-        covariance = self._covariances.pop(stamp, None)
-        self._advance(cloud, base, covariance, stamp, begun)
-
-    def _advance(
-        self, view: Scan | Array, odometry: Array, covariance: Array | None, stamp: int, begun: float
-    ) -> None:
+    def _advance(self, view: Scan | Array, odometry: Array, covariance: Array | None, stamp: int) -> None:
         """Go on with a scan or cloud: in a map, or by making one."""
         made = self._map
-        self._stamp = stamp
+        made.stamp = stamp
         if made.localizer is not None:
             made.locate(view, odometry)
         elif not self._editing.paused or not len(made.slam.keyframes):
@@ -196,13 +188,6 @@ class LoopClosureNode(SuiteNode):
             made.take_correction()
             if isinstance(view, Scan) and (update.keyframe is not None or made.grid.behind):
                 made.draw()
-        self._slowest = max(self._slowest, time.perf_counter() - begun)
-        self._transform.tell(stamp)
-
-    def _check_order(self, stamp: int) -> None:
-        """A map is made along the path: what comes after others of a later stamp says nothing new."""
-        if self._range_input.behind(stamp) > 0:
-            raise InputError("its stamp is older than that of the previous message")
 
     def _take_update(self, update: SlamUpdate) -> None:
         self._waiting = update.waiting
@@ -238,16 +223,11 @@ class LoopClosureNode(SuiteNode):
 
     def _catch_up(self) -> None:
         """While no scans come, go on with what they left over."""
-        came, self._caught_up = self._stamp != self._caught_up, self._stamp
+        came, self._caught_up = self._map.stamp != self._caught_up, self._map.stamp
         if came or self._map.localizer is not None or not self._map.slam.behind:
             return
         self._take_update(self._map.slam.work())
         self._map.take_correction()
-
-    def publish_map(self) -> None:
-        """Send the map, where it has changed."""
-        if self._stamp is not None:
-            self._publisher.send(self._stamp)
 
     # What a person does to the map; see `MapEditing`.
 
@@ -263,12 +243,12 @@ class LoopClosureNode(SuiteNode):
 
     def map_now(self) -> GridMessage:
         """The map with all that is known. Raises InputError where there is none yet."""
-        return self._publisher.message(self.now if self._stamp is None else self._stamp)
+        return self._publisher.message(self.now if self._map.stamp is None else self._map.stamp)
 
     def map_edited(self, before: Array) -> None:
         """Publish everything anew. The robot goes with the last keyframe, `before` being its pose until now."""
         if self._map.edited(before):
-            self._transform.publish(self._stamp)
+            self._transform.publish()
 
     def look_anew(self) -> None:
         """Look for the robot in the whole map. Raises InputError where there is none yet."""

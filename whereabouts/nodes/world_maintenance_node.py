@@ -120,11 +120,6 @@ class WorldMaintenanceNode(SuiteNode):
     def _take_state(self, message: Packed, stamp: int) -> None:
         self._latest.take(message)
 
-    @property
-    def _state(self) -> WorldState | None:
-        """The newest world state; reading it takes longer than anything else here."""
-        return self._latest.state
-
     def _take_map(self, message: GridMessage, stamp: int) -> None:
         self._grid = grid_from_message(message)
 
@@ -140,7 +135,7 @@ class WorldMaintenanceNode(SuiteNode):
 
     def _trigger(self, request: TriggerVerification.Request, response: TriggerVerification.Response) -> str:
         name = request.object_id
-        state = self._state
+        state = self._latest.state
         known = () if state is None else state.objects
         if not name:
             of_class = [item for item in known if item.most_probable("class") == request.class_name]
@@ -162,14 +157,14 @@ class WorldMaintenanceNode(SuiteNode):
     # Decisions.
 
     def _tick(self) -> None:
-        pose, now = self._pose(), self._now()
+        pose, now = planar_pose(self.transforms, self._map_frame, self._base), self._now()
         self._notice_losses()
         if self._verifying and self._task is not None and self._unanswered():
             self.complain(f"{self._task.object_id}: the verifier does not answer", key="verifier")
             self._verified(self._task, None)
         if pose is None or self._verifying:
             return
-        state = self._state
+        state = self._latest.state
         if state is None:
             return
         if self._task is not None:
@@ -284,14 +279,14 @@ class WorldMaintenanceNode(SuiteNode):
 
     def _want(self, object_id: str) -> None:
         """Somebody wants to know where an object is: itself, or by its class once it is lost."""
-        state = self._state
+        state = self._latest.state
         for item in () if state is None else state.objects:
             if item.id == object_id and not item.lost:
                 self._wanted[object_id] = item.most_probable("class")
 
     def _notice_losses(self) -> None:
         """Hand what is wanted, and no longer believed to be anywhere, to the search."""
-        state = self._state if self._wanted else None
+        state = self._latest.state if self._wanted else None
         if state is None:
             return
         here = {item.id for item in state.objects if not item.lost}
@@ -315,9 +310,6 @@ class WorldMaintenanceNode(SuiteNode):
     def _now(self) -> float:
         """s of the node's clock."""
         return self.now / NANOSECONDS
-
-    def _pose(self) -> Array | None:
-        return planar_pose(self.transforms, self._map_frame, self._base)
 
     def _header(self) -> Header:
         now = self.now

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -54,7 +54,8 @@ class _Listener:
         self.survey = Survey("the running robot", live=True)
         self._node = node
         self._subscribed: set[str] = set()
-        self._complaints: dict[str, Any] = {}
+        self._unusable: dict[str, str] = {}
+        self._suite: dict[str, Any] = {}
 
     def look(self) -> None:
         """Look for topics that are new, and for who publishes the known ones."""
@@ -72,32 +73,31 @@ class _Listener:
     def _subscribe(self, seen: Seen) -> None:
         def take(message: Any) -> None:
             if isinstance(message, DiagnosticArray):
-                self._complaints |= {item.name: item for item in message.status}
+                suite = (item for item in message.status if item.hardware_id == "whereabouts")
+                self._suite |= {item.name: item for item in suite}
                 return
             try:
                 look_at_message(self.survey, seen, message, time.time())
             except UnusableMessageError as error:
-                self._complaints[seen.name] = str(error)
+                self._unusable[seen.name] = str(error)
 
         qos = TF_STATIC_QOS if seen.name.endswith("tf_static") else best_effort(DEPTH)
         self._node.create_subscription(message_class(seen.kind), seen.name, take, qos)
 
     def done(self) -> Survey:
         """The survey with what running nodes of the suite complain about."""
-        suite = [name for name, said in sorted(self._complaints.items()) if not isinstance(said, str)]
-        suite = [f"/{name}" for name in suite if self._complaints[name].hardware_id == "whereabouts"]
-        if suite:
-            self.survey.troubles.append(
-                f"nodes of the suite are running: {', '.join(suite)}. Their transforms are taken for the robot's own: "
+        troubles = self.survey.troubles
+        if self._suite:
+            names = ", ".join(f"/{name}" for name in sorted(self._suite))
+            troubles.append(
+                f"nodes of the suite are running: {names}. Their transforms are taken for the robot's own: "
                 "stop them before `whereabouts setup`"
             )
-        for name, said in sorted(self._complaints.items()):
-            if isinstance(said, str):
-                self.survey.troubles.append(f"{name}: {said}")
-            elif said.hardware_id == "whereabouts":
-                drops = [f"{item.key}: {item.value}" for item in said.values if " dropped, " in item.key]
-                if said.level != b"\0" or drops:
-                    self.survey.troubles.append(f"{name}: {'; '.join([said.message, *drops])}")
+        troubles += [f"{name}: {said}" for name, said in sorted(self._unusable.items())]
+        for name, said in sorted(self._suite.items()):
+            drops = [f"{item.key}: {item.value}" for item in said.values if " dropped, " in item.key]
+            if said.level != DiagnosticStatus.OK or drops:
+                troubles.append(f"{name}: {'; '.join([said.message, *drops])}")
         return self.survey
 
 

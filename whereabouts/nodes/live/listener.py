@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.node import Node
@@ -19,6 +20,7 @@ LOOK_PERIOD = 1.0
 Take = Callable[[str, str, Any, int], None]
 
 
+@dataclass
 class Listener:
     """Subscribes topics as they appear.
 
@@ -29,21 +31,20 @@ class Listener:
     namespace : "" or "/robot1"; topics outside it are not listened to.
     """
 
-    def __init__(self, node: Node, types: Collection[str], take: Take, namespace: str = "") -> None:
-        self._node = node
-        self._types = types
-        self._take = take
-        self._prefix = namespace.rstrip("/")
-        self.topics: dict[str, Any] = {}
-        self.unknown: set[str] = set()
+    node: Node
+    types: Collection[str]
+    take: Take
+    namespace: str = ""
+    topics: dict[str, Any] = field(default_factory=dict)
+    unknown: set[str] = field(default_factory=set)
 
     def look(self) -> list[str]:
         """Subscribe what has appeared since the last look; returns the new topics."""
-        found = []
-        for topic, kinds in self._node.get_topic_names_and_types():
-            wanted = [kind for kind in kinds if kind in self._types]
-            offers = self._node.get_publishers_info_by_topic(topic) if wanted else []
-            if topic in self.topics or not topic.startswith(f"{self._prefix}/") or not offers:
+        found, prefix = [], self.namespace.rstrip("/")
+        for topic, kinds in self.node.get_topic_names_and_types():
+            wanted = [kind for kind in kinds if kind in self.types]
+            offers = self.node.get_publishers_info_by_topic(topic) if wanted else []
+            if topic in self.topics or not topic.startswith(f"{prefix}/") or not offers:
                 continue
             try:
                 self._subscribe(topic, wanted[0], offers)
@@ -56,12 +57,12 @@ class Listener:
         # Best effort hears everybody; what is kept for latecomers is only sent to those who ask for it.
         latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers)
         qos = reliable(DEPTH, latched=True) if latched else best_effort(DEPTH)
-        name = topic.removeprefix(self._prefix)
+        name = topic.removeprefix(self.namespace.rstrip("/"))
 
         def keep(message: Any) -> None:
-            self._take(type_name, name, message, self._node.get_clock().now().nanoseconds)
+            self.take(type_name, name, message, self.node.get_clock().now().nanoseconds)
 
-        self.topics[topic] = self._node.create_subscription(message_class(type_name), topic, keep, qos)
+        self.topics[topic] = self.node.create_subscription(message_class(type_name), topic, keep, qos)
 
 
 def listen(

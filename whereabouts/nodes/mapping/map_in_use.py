@@ -34,7 +34,7 @@ class MapInUse:
     slam : it; grid : drawn. localizer : looks for the robot where the map is a saved one; extend : whether it goes on
     once the robot is found. earlier : the map of the run before. place (2,) : of the sensor, where that is known.
     mounting (3,) : of the sensor on the robot. correction (6,) : of the odometry frame of tf. located : whether the
-    robot is found. changed : whether anything has to be published anew.
+    robot is found. changed : whether anything has to be published anew. stamp : of the last scan, ns, None before it.
 
     for_tf : takes a correction of the odometry in use to that of tf. aside : a process that smooths.
     """
@@ -59,6 +59,7 @@ class MapInUse:
         self.located = True
         self.mounting: Array = np.zeros(3)
         self.changed = False
+        self.stamp: int | None = None
 
     def _begin(self) -> None:
         settings = self._node.settings

@@ -1,5 +1,5 @@
-"""What is sent of a map: the path, points, markers for listeners, and the grid as nav2 takes it: whole on `map`, and on
-`map_updates` what has changed of that since."""
+"""What is sent of a map: its frame on tf, the path, points, markers for listeners, and the grid as nav2 takes it: whole
+on `map`, and on `map_updates` what has changed of that since."""
 
 from __future__ import annotations
 
@@ -10,22 +10,24 @@ from nav_msgs.msg import Path as PathMessage
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from estimation.errors import InputError
 from estimation.geometry.grid_kernels import TILE
-from estimation.geometry.poses import compound, inverse, pose_from_matrix
+from estimation.geometry.poses import compound, inverse, pose_from_matrix, pose_to_quaternion
 from estimation.geometry.tiles import VIEW_CELLS, TileView
 from loop_closure.maps.map_grid import MapGrid, map_points
 from whereabouts.nodes.mapping.map_in_use import MapInUse
 from whereabouts.nodes.messages.conversions import cloud_message, spatial
 from whereabouts.nodes.messages.map_messages import grid_message, marker_messages, packed_path, update_message
-from whereabouts.nodes.messages.stamps import time_message
-from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
+from whereabouts.nodes.messages.transforms import frame_name, transform_message
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.nodes.ros.qos import LATCHED
 
 Array = NDArray[np.float64]
+NOTHING = 1e-6  # metres and radians by which a correction may change without being a new one
 
 
 class MapOutput:
@@ -95,13 +97,15 @@ class MapPublisher:
         """A new run."""
         self._markers_due = False
 
-    def send(self, stamp: int) -> None:
-        """All of a map that has changed. stamp : of the last scan, ns."""
+    def send(self) -> None:
+        """All of a map that has changed."""
         made = self._map
         slam, flat = made.slam, made.flat
+        if made.stamp is None:
+            return
         if not made.changed and not (flat and self._output.outdated(made.grid, made.place)):
             return
-        header = self._header(stamp)
+        header = self._header(made.stamp)
         stamps = [slam.keyframes[k].stamp for k in range(len(slam.keyframes))]
         self._path.publish(packed_path(header, stamps, self._base_poses()))
         if flat:
@@ -111,18 +115,19 @@ class MapPublisher:
         made.changed = False
         self._markers_due = True
 
-    def send_markers(self, stamp: int | None) -> None:
+    def send_markers(self) -> None:
         """For those who look on, whenever they begin to."""
-        if self._markers_due and self._markers.wanted and stamp is not None:
+        made = self._map
+        if self._markers_due and self._markers.wanted and made.stamp is not None:
             self._markers_due = False
-            self._markers.publish(marker_messages(self._header(stamp), self._map.slam))
+            self._markers.publish(marker_messages(self._header(made.stamp), made.slam))
 
-    def send_changes(self, stamp: int | None) -> None:
+    def send_changes(self) -> None:
         """What has changed of the grid."""
         made = self._map
-        if made.changed and stamp is not None and self._output.updates_wanted(made.grid):
+        if made.changed and made.stamp is not None and self._output.updates_wanted(made.grid):
             made.draw()
-            self._output.send_changes(self._header(stamp), made.grid, made.place)
+            self._output.send_changes(self._header(made.stamp), made.grid, made.place)
 
     def message(self, stamp: int) -> GridMessage:
         """The grid with all that is known, for one who asks. Raises InputError where there is none yet."""
@@ -141,3 +146,58 @@ class MapPublisher:
         if poses.ndim == 3:
             return pose_from_matrix(poses)
         return spatial(compound(poses, inverse(self._map.mounting)))
+
+
+class MapTransform:
+    """Sends the correction of a map on tf: when it says something new, and for those who come late."""
+
+    def __init__(self, node: SuiteNode, made: MapInUse) -> None:
+        self._node, self._map = node, made
+        self._output = node.broadcaster()
+        self.forget()
+
+    def forget(self) -> None:
+        """A new run."""
+        self._told = 0  # ns of the node's clock when the correction was last sent
+        self._told_correction: Array | None = None
+        self._told_until = self._stamp_before = 0  # ns up to which it is valid; of the scan before
+
+    def tell(self) -> None:
+        """Send the correction if it is a new one, or would not be valid any more when the next scan comes.
+
+        Every node listens to tf: what says nothing new costs each of them time.
+        """
+        correction, stamp = self._map.correction, self._map.stamp
+        if correction is None or stamp is None:
+            return
+        period, self._stamp_before = stamp - self._stamp_before, stamp
+        same = self._told_correction is not None and np.allclose(
+            correction, self._told_correction, rtol=0.0, atol=NOTHING
+        )
+        if not (same and period > 0 and stamp + period <= self._told_until):
+            self.publish()
+
+    def publish(self) -> None:
+        """Send it, for the last scan."""
+        settings, correction, stamp = self._node.settings, self._map.correction, self._map.stamp
+        if not settings.publish_tf or stamp is None or correction is None:
+            return
+        until = stamp + round(settings.transform_tolerance * NANOSECONDS)
+        position, quaternion = pose_to_quaternion(correction)
+        transform = transform_message(
+            frame_name(settings.map_frame), frame_name(settings.odom_frame), until, (*position, *quaternion)
+        )
+        self._output.publish(TFMessage(transforms=[transform]))
+        self._told = self._node.get_clock().now().nanoseconds
+        self._told_correction, self._told_until = correction, until
+
+    def repeat(self) -> None:
+        """For those who come late and while no scans come; each scan's own was just sent otherwise.
+
+        In lock-step nobody comes late, and what the clock says of the time between two scans is none.
+        """
+        if self._node.replayed:
+            return
+        period = self._node.settings.tf_period * NANOSECONDS
+        if self._node.get_clock().now().nanoseconds - self._told >= period:
+            self.publish()

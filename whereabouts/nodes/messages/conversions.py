@@ -34,10 +34,7 @@ def scan_from_message(message: LaserScan) -> Scan:
     ------
     InputError : no ranges, or bounds and angles that make no sense.
     """
-    try:
-        return next(decode.scans(message, "")).scan
-    except decode.UnusableMessageError as error:
-        raise InputError(str(error)) from error
+    return next(decode.scans(message, "")).scan
 
 
 def points_from_message(message: PointCloud2) -> tuple[Array, Array | None]:
@@ -47,10 +44,7 @@ def points_from_message(message: PointCloud2) -> tuple[Array, Array | None]:
     ------
     InputError : no x, y, z fields, no points, or less data than its size claims.
     """
-    try:
-        record = next(decode.clouds(message, ""))
-    except decode.UnusableMessageError as error:
-        raise InputError(str(error)) from error
+    record = next(decode.clouds(message, ""))
     if message.width * message.height == 0:
         raise InputError("cloud without points")
     return record.points, record.times

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
 from numpy.typing import NDArray
@@ -36,6 +38,6 @@ def point(at: Array, z: float = 0.0) -> Point:
     return Point(x=float(at[0]), y=float(at[1]), z=float(at[2]) if len(at) == 3 else z)
 
 
-def vector(values: Array) -> Vector3:
+def vector(values: Iterable[float]) -> Vector3:
     """Three numbers (3,) as a message."""
     return Vector3(**dict(zip("xyz", map(float, values), strict=True)))

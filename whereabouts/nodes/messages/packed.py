@@ -75,16 +75,17 @@ class MessageOpener:
         self.stamped = "header" in kind.get_fields_and_field_types()
 
     def stamp_of(self, message: Any) -> int:
-        """ns; now where it does not say without being unpacked."""
+        """ns; now where it does not say."""
+        if isinstance(message, Packed):
+            return message.stamp
         return nanoseconds(message.header.stamp) if self.stamped and not self.packed else time.time_ns()
 
-    def open(self, message: Any) -> tuple[Any, int]:
-        """A message that is inside of its envelope, and its stamp, ns. Raises InputError for any other."""
+    def open(self, message: Any) -> Any:
+        """A message that is inside of its envelope. Raises InputError for any other."""
         if self.packed:
-            packed = Packed(self.kind, message)
-            return packed, packed.stamp
+            return Packed(self.kind, message)
         self.envelope.check(message)
-        return message, self.stamp_of(message)
+        return message
 
     def size(self, message: Any) -> int:
         """Bytes, about."""

@@ -11,7 +11,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from tracking.people.people_tracker import Person
-from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point
+from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point, vector
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts_msgs.msg import DiscreteDistribution, TargetArray
 from whereabouts_msgs.msg import Target as TargetMessage
@@ -27,12 +27,11 @@ def targets_message(header: Header, people: Sequence[Person], expected_count: fl
 
 
 def _target(person: Person) -> TargetMessage:
-    x, y, vx, vy = (float(value) for value in person.mean)
     return TargetMessage(
         label=person.label,
         label_probability=person.label_probability,
-        position=Point(x=x, y=y, z=0.0),
-        velocity=Vector3(x=vx, y=vy, z=0.0),
+        position=point(person.mean[:2]),
+        velocity=vector((*person.mean[2:], 0.0)),
         state_covariance=person.covariance.reshape(16),
         weight=float(person.weight),
         extent=person.extent.reshape(4),

@@ -138,13 +138,13 @@ class Input:
                 self._node.complain(
                     f"{self.topic}: {counted(lost, 'message')} lost on the way", key=(self.topic, "lost")
                 )
-        stamp = self.opener.stamp_of(message)
         try:
-            message, stamp = self.opener.open(message)
+            message = self.opener.open(message)
         except InputError as error:
             self.drop("refused", str(error))
-            self._acknowledge(min(max(stamp, EARLIEST), LATEST), sequence)
+            self._acknowledge(min(max(self.opener.stamp_of(message), EARLIEST), LATEST), sequence)
             return
+        stamp = self.opener.stamp_of(message)
         # What is latched is said once: a node that ignored it while inactive would never have it.
         if not self._node.active and not self._latched:
             self.counts.inactive += 1

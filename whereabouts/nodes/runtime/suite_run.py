@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from lifecycle_msgs.msg import State
-from rclpy.node import Node
 
 from whereabouts.logs import McapWriter, RawMessage
 from whereabouts.nodes.ros.footprint import PROFILES
@@ -117,9 +116,9 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
                 replayer.on_settled = _CatchUp(executor, recorder, replayer)
         for spec in run.nodes:
             supervisor.start(spec)
-        watch = _Watch(
-            node, executor, supervisor, replayer, recorder.topics if recorder else [], run.on_event
-        )
+        clients = [LifecycleClient(node, executor, spec.full_name) for spec in run.nodes]
+        recorded = recorder.topics if recorder else []
+        watch = _Watch(executor, supervisor, replayer, clients, recorded, run.on_event)
         watch.wait_until_ready()
 
         def between_messages(message: RawMessage) -> None:
@@ -133,33 +132,25 @@ def run_suite(run: SuiteRun) -> ReplayAccount:
         return account
 
 
+@dataclass
 class _Watch:
     """Looks after the nodes between messages, and pauses the replay while one comes back."""
 
-    def __init__(
-        self,
-        node: Node,
-        executor: Any,
-        supervisor: Supervisor,
-        replayer: Replayer,
-        recorded: Sequence[str],
-        on_event: Callable[[str], None],
-    ) -> None:
-        self._executor = executor
-        self._supervisor = supervisor
-        self._replayer = replayer
-        self._recorded = recorded
-        self._on_event = on_event
-        self._clients = [LifecycleClient(node, executor, name) for name in replayer.watched]
-        self._deaths = 0
+    executor: Any
+    supervisor: Supervisor
+    replayer: Replayer
+    clients: Sequence[LifecycleClient]
+    recorded: Sequence[str]
+    on_event: Callable[[str], None]
+    deaths: int = 0
 
     def look(self) -> None:
         """Notice a node that died; the supervisor starts it again, so wait for it."""
-        self._supervisor.check()
-        deaths = sum(len(managed.deaths) for managed in self._supervisor.nodes.values())
-        if deaths > self._deaths:
+        self.supervisor.check()
+        deaths = sum(len(managed.deaths) for managed in self.supervisor.nodes.values())
+        if deaths > self.deaths:
             self.wait_until_ready()
-            self._deaths = deaths
+            self.deaths = deaths
 
     def wait_until_ready(self) -> None:
         """Until every node is active, all have found each other, and what went through them so far is known.
@@ -169,49 +160,51 @@ class _Watch:
         SuiteError : one is not active in time, or has ended.
         """
         deadline = time.monotonic() + START_TIMEOUT
-        for client in self._clients:
+        for client in self.clients:
             while client.state() != State.PRIMARY_STATE_ACTIVE:
-                self._supervisor.check()
+                self.supervisor.check()
                 if time.monotonic() > deadline:
-                    tail = self._supervisor.nodes[client.name].log_tail()
+                    tail = self.supervisor.nodes[client.name].log_tail()
                     raise SuiteError(
                         f"{client.name} is not active after {START_TIMEOUT:.0f} s; its last lines:\n{tail}"
                     )
         deadline = time.monotonic() + CONNECT_TIMEOUT
-        while missing := self._replayer.unconnected(self._recorded):
-            self._supervisor.check()
+        while missing := self.replayer.unconnected(self.recorded):
+            self.supervisor.check()
             if time.monotonic() > deadline:
-                self._on_event(f"continuing, although {'; '.join(missing)}")
+                self.on_event(f"continuing, although {'; '.join(missing)}")
                 break
-            self._executor.spin_once(timeout_sec=0.05)
+            self.executor.spin_once(timeout_sec=0.05)
         connected = time.time_ns()
-        while self._replayer.silent_since(connected) and time.monotonic() < deadline:
-            self._supervisor.check()
-            self._executor.spin_once(timeout_sec=0.05)
-        self._replayer.nodes_changed()
-        self._replayer.begin_turns()
+        while self.replayer.silent_since(connected) and time.monotonic() < deadline:
+            self.supervisor.check()
+            self.executor.spin_once(timeout_sec=0.05)
+        self.replayer.nodes_changed()
+        self.replayer.begin_turns()
 
 
+@dataclass
 class _CatchUp:
     """Lets the recorder take in what the nodes have sent because of a message, so that it is of that moment."""
 
-    def __init__(self, executor: Any, recorder: Recorder, replayer: Replayer) -> None:
-        self._executor, self._recorder, self._replayer = executor, recorder, replayer
-        self._forgiven: Counter[str] = Counter()
+    executor: Any
+    recorder: Recorder
+    replayer: Replayer
+    forgiven: Counter[str] = field(default_factory=Counter)
 
     def __call__(self) -> None:
         deadline = time.monotonic() + RECORDER_PATIENCE
         while behind := self._behind():
             if time.monotonic() > deadline:
                 # A node that died has not sent all that it had counted.
-                self._forgiven.update(behind)
+                self.forgiven.update(behind)
                 return
-            self._executor.spin_once(timeout_sec=0.05)
+            self.executor.spin_once(timeout_sec=0.05)
 
     def _behind(self) -> dict[str, int]:
         lacks = {
-            topic: self._replayer.sent_by_all(topic) - self._recorder.counts[topic] - self._forgiven[topic]
-            for topic in self._recorder.topics
+            topic: self.replayer.sent_by_all(topic) - self.recorder.counts[topic] - self.forgiven[topic]
+            for topic in self.recorder.topics
             if not topic.endswith("diagnostics")
         }
         return {topic: count for topic, count in lacks.items() if count > 0}

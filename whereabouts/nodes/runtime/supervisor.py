@@ -136,6 +136,7 @@ class ManagedNode:
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
 
+@dataclass
 class Supervisor:
     """Keeps a set of nodes running; a context manager that ends them when left.
 
@@ -147,28 +148,21 @@ class Supervisor:
     on_event : called with a sentence whenever a node died, came back or was given up.
     hosted : fork nodes from one process that has loaded everything (`Host`), where this machine can: for several nodes.
     host : that process, where it was begun already; it ends with the supervisor.
+    on_death : called with the full name of a node that has ended, before it is started again.
     """
 
-    def __init__(
-        self,
-        log_directory: Path,
-        restart: bool = True,
-        on_event: Callable[[str], None] = lambda text: None,
-        patient: bool = False,
-        hosted: bool = False,
-        host: Host | None = None,
-    ) -> None:
-        self._patient = patient
-        self._hosted = hosted
-        self._host = host
-        self._log_directory = log_directory
-        self._restart = restart
-        self._on_event = on_event
-        self.nodes: dict[str, ManagedNode] = {}
-        self._given_up: set[str] = set()
-        self._groups: set[int] = set()  # of processes, that nodes which have ended led
-        # Called with the full name of a node that has ended, before it is started again.
-        self.on_death: Callable[[str], None] = lambda name: None
+    log_directory: Path
+    restart: bool = True
+    on_event: Callable[[str], None] = lambda text: None
+    patient: bool = False
+    hosted: bool = False
+    host: Host | None = None
+    on_death: Callable[[str], None] = lambda name: None
+    nodes: dict[str, ManagedNode] = field(default_factory=dict, init=False)
+    _given_up: set[str] = field(default_factory=set, init=False)
+    _groups: set[int] = field(
+        default_factory=set, init=False
+    )  # of processes, that nodes which have ended led
 
     def __enter__(self) -> Supervisor:
         remove_orphans()
@@ -179,14 +173,14 @@ class Supervisor:
 
     def start(self, spec: NodeSpec) -> ManagedNode:
         """Start one node."""
-        self._log_directory.mkdir(parents=True, exist_ok=True)
-        log = self._log_directory / f"{spec.full_name.strip('/').replace('/', '.')}.log"
+        self.log_directory.mkdir(parents=True, exist_ok=True)
+        log = self.log_directory / f"{spec.full_name.strip('/').replace('/', '.')}.log"
         log.unlink(missing_ok=True)
-        if self._hosted:
+        if self.hosted:
             try:
                 # It takes seconds, in which Ctrl-C has nothing to end yet.
-                self._host = self._host or Host()
-                self._host.wait()
+                self.host = self.host or Host()
+                self.host.wait()
             except OSError as error:
                 self._go_on_without_host(error)
         # An interrupt between the process and its entry here would leave a node that nobody ends.
@@ -195,27 +189,27 @@ class Supervisor:
         return self.nodes[spec.full_name]
 
     def _launch(self, command: list[str], log: Path, environment: Mapping[str, str]) -> Process:
-        if self._host is not None:
+        if self.host is not None:
             try:
-                return self._host.start(command, log, environment)
+                return self.host.start(command, log, environment)
             except OSError as error:
                 self._go_on_without_host(error)
         return launch_alone(command, log, environment)
 
     def _go_on_without_host(self, error: OSError) -> None:
-        self._hosted = False
+        self.hosted = False
         self._end_host()
-        self._on_event(f"nodes are started one by one: {error or type(error).__name__}")
+        self.on_event(f"nodes are started one by one: {error or type(error).__name__}")
 
     @property
     def host_pid(self) -> int | None:
         """Process from which nodes are forked, if there is one."""
-        return None if self._host is None else self._host.pid
+        return None if self.host is None else self.host.pid
 
     def _end_host(self) -> None:
-        if self._host is not None:
-            self._host.end()
-            self._host = None
+        if self.host is not None:
+            self.host.end()
+            self.host = None
 
     def _has_ended(self) -> bool:
         """Whether any child has: one question instead of one for each, as it is asked between any two messages."""
@@ -244,7 +238,7 @@ class Supervisor:
             if node.due is not None and time.monotonic() >= node.due:
                 code = node.process.returncode or 0
                 node.restart()
-                self._on_event(f"{name} ended with {_reason(code)} and was started again")
+                self.on_event(f"{name} ended with {_reason(code)} and was started again")
 
     def _bury(self, name: str, node: ManagedNode) -> None:
         """A node has ended: decide when it is started again, if at all."""
@@ -253,11 +247,11 @@ class Supervisor:
         if code in (1, 2) and not known:
             self._given_up.add(name)
             raise SuiteError(f"{name} could not start; its last lines:\n{node.log_tail()}")
-        if not self._restart:
+        if not self.restart:
             return
         self.on_death(name)
         remove_orphans()
-        if node.died() > RESTART_LIMIT and not (known and self._patient):
+        if node.died() > RESTART_LIMIT and not (known and self.patient):
             self._given_up.add(name)
             raise SuiteError(f"{name} died {len(node.deaths)} times; its last lines:\n{node.log_tail()}")
 
@@ -283,7 +277,7 @@ class Supervisor:
             try:
                 node.process.wait(max(0.0, deadline - time.monotonic()))
             except subprocess.TimeoutExpired:
-                self._on_event(f"{name} did not end in {GRACE:.0f} s and was killed")
+                self.on_event(f"{name} did not end in {GRACE:.0f} s and was killed")
                 node.process.kill()
                 node.process.wait()
         self._end_host()

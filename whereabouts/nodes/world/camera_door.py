@@ -123,7 +123,8 @@ class CameraDoor:
         self.cameras.take_info(message, frame_name(message.header.frame_id))
 
     def _take_depth(self, message: Any, stamp: int) -> None:
-        self.cameras.keep(stamp, message, self._frame_of(message))
+        # A depth image stays packed; a scan is of no camera.
+        self.cameras.keep(stamp, message, "" if self.from_scan else frame_name(message.frame))
         for item in self._detections:
             item.companion_came()
 
@@ -154,11 +155,6 @@ class CameraDoor:
         except TransformError:
             return None
         return np.asarray(np.linalg.solve(then, pose))
-
-    @staticmethod
-    def _frame_of(message: Any) -> str:
-        """Of a depth image, which stays packed; a scan is of no camera."""
-        return frame_name(message.frame) if isinstance(message, Packed) else ""
 
     def says_nothing(self, view: CameraView, stamp: int, frame: str) -> bool:
         """Whether what a look did not show means nothing: what hides things is not known, or it is another picture of
@@ -191,7 +187,7 @@ class CameraDoor:
         if found is None or found[1] is None:
             return None, stamp
         at, kept = found
-        own = self._frame_of(kept) if isinstance(kept, Packed) else kept[0]
+        own = frame_name(kept.frame) if isinstance(kept, Packed) else kept[0]
         try:
             if isinstance(kept, Packed):
                 kept = (own, depth_from_message(kept.unpack()))
