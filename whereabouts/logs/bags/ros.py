@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from whereabouts.logs.bags.bag_directory import open_bag
-from whereabouts.logs.bags.ros_types import decoded, types_of
+from whereabouts.logs.bags.ros_types import decoded
 from whereabouts.logs.bags.storage import Stored, Topic, wanted_by
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.log import Log
@@ -61,11 +61,6 @@ class RosLog(Log):
         topic = stored.topic
         if topic.type_name not in RECORDS and self._wanted is None and not topic.problem:
             self.summary.skip(f"{topic.name}: {topic.type_name} is not used", stored.where)
-            return
-        try:
-            types_of(topic)
-        except UnreadableTypeError as error:
-            self.summary.skip(f"{topic.name}: {topic.type_name} cannot be read: {error}", stored.where)
             return
         try:
             yield from _records_of(stored)
