@@ -112,14 +112,12 @@ class RawLog:
     summary : account of the running or last pass.
     """
 
-    def __init__(
-        self, path: Path | str, topics: Iterable[str] | None = None, unpacked_limit: int = UNPACKED_LIMIT
-    ) -> None:
+    def __init__(self, path: Path | str, topics: Iterable[str] | None = None) -> None:
         self.path = Path(path)
         self.summary = Summary()
         self._wanted = wanted_by(topics)
         _check(self.path)
-        self._bag = open_bag(self.path, self.summary, unpacked_limit)
+        self._bag = open_bag(self.path, self.summary)
         self._found = self.summary.copy()
 
     @property
