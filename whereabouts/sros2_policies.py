@@ -16,13 +16,20 @@ from whereabouts.parameters.registry import model_of
 from whereabouts.suite_config import NodeConfig, SuiteConfig
 
 VERSION = "0.2.0"  # of sros2's policy schema
-PARAMETER_SERVICES = (
-    "describe_parameters", "get_parameter_types", "get_parameters", "list_parameters", "set_parameters",
-    "set_parameters_atomically", "get_type_description",
+# Of parameters and of the lifecycle, which every node has.
+OF_EVERY_NODE = (
+    "~/describe_parameters", "~/get_parameter_types", "~/get_parameters", "~/list_parameters", "~/set_parameters",
+    "~/set_parameters_atomically", "~/get_type_description", "~/change_state", "~/get_state",
+    "~/get_available_states", "~/get_available_transitions", "~/get_transition_graph",
 )  # fmt: skip
-LIFECYCLE_SERVICES = (
-    "change_state", "get_state", "get_available_states", "get_available_transitions", "get_transition_graph",
-)  # fmt: skip
+# What a node does with one of its interfaces: kind of list, right, and element.
+OWN = {
+    "in": ("topics", "subscribe", "topic"),
+    "out": ("topics", "publish", "topic"),
+    "service": ("services", "reply", "service"),
+    "action": ("actions", "execute", "action"),
+    "calls": ("actions", "call", "action"),
+}
 # What a service can cost. The role `operator` may call these; nobody else.
 WRITES_OR_FORGETS = {
     "loop_closure": {
@@ -58,14 +65,10 @@ def policies(config: SuiteConfig) -> dict[str, ET.Element]:
     for node, settings in config.nodes.items():
         rules: Rules = {}
         for item, names in _present(node, settings.parameters):
-            _allow(rules, _own_rule(item), (settings.remappings.get(name, name) for name in names))
-        _allow(rules, ("topics", "subscribe", "topic"), ["/clock", "/parameter_events"])
-        _allow(rules, ("topics", "publish", "topic"), ["/rosout", "/parameter_events", "~/transition_event"])
-        _allow(
-            rules,
-            ("services", "reply", "service"),
-            (f"~/{s}" for s in PARAMETER_SERVICES + LIFECYCLE_SERVICES),
-        )
+            _allow(rules, OWN[item.kind], (settings.remappings.get(name, name) for name in names))
+        _allow(rules, OWN["in"], ["/clock", "/parameter_events"])
+        _allow(rules, OWN["out"], ["/rosout", "/parameter_events", "~/transition_event"])
+        _allow(rules, OWN["service"], OF_EVERY_NODE)
         made[node] = _policy(config.namespace, node, rules)
     for role in ("user", "operator"):
         made[role] = _policy(config.namespace, role, _role(config, role))
@@ -87,17 +90,6 @@ def write_policies(config: SuiteConfig, folder: Path) -> list[Path]:
     return written
 
 
-def _own_rule(item: Interface) -> tuple[str, str, str]:
-    """Kind of list, right, and element of what a node does with one of its interfaces."""
-    return {
-        "in": ("topics", "subscribe", "topic"),
-        "out": ("topics", "publish", "topic"),
-        "service": ("services", "reply", "service"),
-        "action": ("actions", "execute", "action"),
-        "calls": ("actions", "call", "action"),
-    }[item.kind]
-
-
 def _present(node: str, parameters: dict[str, Any]) -> Iterator[tuple[Interface, list[str]]]:
     """Interfaces that a node with these parameters has, and their names."""
     values = model_of(node)(**parameters)
@@ -116,19 +108,18 @@ def _role(config: SuiteConfig, role: str) -> Rules:
     for node, settings in config.nodes.items():
         asks = set(ASKS.get(node, ()))
         if role == "operator":
-            asks |= {RESETS, *WRITES_OR_FORGETS.get(node, ())}
-            asks |= {f"~/{name}" for name in PARAMETER_SERVICES + LIFECYCLE_SERVICES}
+            asks |= {RESETS, *WRITES_OR_FORGETS.get(node, ()), *OF_EVERY_NODE}
         present = {item.name for item, _ in _present(node, settings.parameters)}
         asks -= {item.name for item in interfaces_of(node)} - present
         _allow(rules, ("services", "request", "service"), _outside(node, settings, asks))
         for item, names in _present(node, settings.parameters):
             known = _outside(node, settings, names)
             if item.kind == "out":
-                _allow(rules, ("topics", "subscribe", "topic"), known)
+                _allow(rules, OWN["in"], known)
             elif item.kind == "action":
-                _allow(rules, ("actions", "call", "action"), known)
-    _allow(rules, ("topics", "subscribe", "topic"), ["/clock", "/parameter_events"])
-    _allow(rules, ("topics", "publish", "topic"), ["/rosout", "/parameter_events"])
+                _allow(rules, OWN["calls"], known)
+    _allow(rules, OWN["in"], ["/clock", "/parameter_events"])
+    _allow(rules, OWN["out"], ["/rosout", "/parameter_events"])
     return rules
 
 

@@ -296,8 +296,8 @@ def _where(page: Page, folder: Path, judged: Judged, home: Any) -> None:
     page.table(("metres from the truth", "RMS", "most"), rows, numbers=True)
 
 
-def _lively(judged: Judged, count: int = 3, apart: float = 30.0) -> list[float]:
-    """Moments at which most people who walk have a predicted path, at least `apart` seconds from each other."""
+def _lively(judged: Judged) -> list[float]:
+    """Three moments at which most people who walk have a predicted path, at least half a minute from each other."""
     walking: list[tuple[float, float]] = []
     for stamp, paths in judged.said.paths.items():
         before = [when for when in judged.said.people if when <= stamp]
@@ -310,9 +310,9 @@ def _lively(judged: Judged, count: int = 3, apart: float = 30.0) -> list[float]:
         walking.append((sum(min(speed, 1.0) for speed in speeds), stamp))
     chosen: list[float] = []
     for _, stamp in sorted(walking, key=lambda item: (-item[0], item[1])):
-        if all(abs(stamp - other) >= apart for other in chosen):
+        if all(abs(stamp - other) >= 30.0 for other in chosen):
             chosen.append(stamp)
-        if len(chosen) == count:
+        if len(chosen) == 3:
             break
     return sorted(chosen)
 

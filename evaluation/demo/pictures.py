@@ -26,6 +26,8 @@ LINES = {
     "loops closed": ("#d62728", 1.6),
 }
 DPI = 110
+HORIZON = 5.0
+"""s after a prediction that are shown."""
 
 
 def canvas(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
@@ -124,16 +126,14 @@ def draw_people(path: Path, home: Apartment, said: Said, truth: Truth, ospa: tup
     figure.savefig(path, format="png")
 
 
-def draw_predictions(
-    path: Path, home: Apartment, said: Said, truth: Truth, moments: Sequence[float], horizon: float = 5.0
-) -> None:
+def draw_predictions(path: Path, home: Apartment, said: Said, truth: Truth, moments: Sequence[float]) -> None:
     """Predicted paths at a few moments, and where people then went."""
     figure, panels = canvas(1, max(len(moments), 1), (4.6 * max(len(moments), 1), 4.9))
     begin = min(truth.poses) if truth.poses else 0.0
     stamps = sorted(truth.people)
     for axes, moment in zip(panels[0], moments, strict=False):
         draw_building(axes, home)
-        ahead = [truth.people[s][0] for s in stamps if moment <= s <= moment + horizon]
+        ahead = [truth.people[s][0] for s in stamps if moment <= s <= moment + HORIZON]
         for person in range(len(ahead[0]) if ahead else 0):
             way = np.array([spots[person] for spots in ahead])
             axes.plot(*way.T, color=TRUE, linewidth=4.0, alpha=0.45)
@@ -142,18 +142,17 @@ def draw_predictions(
             _prediction(axes, prediction, people.get(prediction.label))
         _robot(axes, _at(truth.poses, moment, np.zeros(3)))
         plain(axes, f"after {moment - begin:.0f} s")
-    _legend(
-        panels[0][0],
-        [
-            ("truth, the next five seconds", TRUE, "-"),
-            ("predicted", "#d62728", "--"),
-            ("goals", "#d62728", "s"),
-        ],
-    )
+    legend = panels[0][0]
+    legend.plot([], [], "-", color=TRUE, label="truth, the next five seconds")
+    legend.plot([], [], "--", color="#d62728", label="predicted")
+    legend.plot([], [], "s", color="#d62728", label="goals")
+    legend.legend(loc="lower right", fontsize=7.5, framealpha=0.9)
     figure.savefig(path, format="png")
 
 
 def _prediction(axes: Any, prediction: SaidPrediction, person: Tracked | None) -> None:
+    from matplotlib.patches import Circle
+
     color = "#d62728"
     if person is not None:
         axes.plot(*person.position, "o", color=color, markersize=7)
@@ -161,17 +160,11 @@ def _prediction(axes: Any, prediction: SaidPrediction, person: Tracked | None) -
     if len(prediction.points):
         axes.plot(*prediction.points.T, "--", color=color, linewidth=1.6)
         for point, sigma in list(zip(prediction.points, prediction.sigmas, strict=True))[::3]:
-            axes.add_patch(_circle(point, sigma, color))
+            axes.add_patch(Circle(tuple(point), sigma, facecolor=color, edgecolor="none", alpha=0.12))
     for goal, share in zip(prediction.goals, prediction.probabilities, strict=False):
         if share >= 0.1:
             axes.plot(*goal, "s", color=color, markersize=4, alpha=0.7)
             axes.annotate(f"{share:.0%}", goal, (4, -9), textcoords="offset points", fontsize=7, color=color)
-
-
-def _circle(centre: Array, radius: float, color: str) -> Any:
-    from matplotlib.patches import Circle
-
-    return Circle(tuple(centre), radius, facecolor=color, edgecolor="none", alpha=0.12)
 
 
 def draw_worlds(path: Path, home: Apartment, said: Said, truth: Truth, moments: Sequence[float]) -> None:
@@ -263,18 +256,13 @@ def draw_search(
         groups.setdefault((round(goal[0], 1), round(goal[1], 1)), []).append(number)
     for (x, y), numbers in groups.items():
         axes.plot(x, y, "*", color="#ff7f0e", markersize=15, markeredgecolor=INK)
-        axes.annotate(
-            _ranges(numbers), (x, y), (8, 6), textcoords="offset points", fontsize=10, weight="bold"
-        )
+        told = ", ".join(map(str, numbers[:6])) + (", ..." if len(numbers) > 6 else "")
+        axes.annotate(told, (x, y), (8, 6), textcoords="offset points", fontsize=10, weight="bold")
     if groups:
         axes.plot([], [], "*", color="#ff7f0e", markersize=12, label="goals, in the order of their numbers")
     axes.legend(loc="upper left", fontsize=9, framealpha=0.9)
     plain(axes, "search")
     figure.savefig(path, format="png")
-
-
-def _ranges(numbers: Sequence[int]) -> str:
-    return ", ".join(map(str, numbers[:6])) + (", ..." if len(numbers) > 6 else "")
 
 
 def draw_floor(axes: Any, grid: Grid | None) -> None:
@@ -308,12 +296,6 @@ def _robot(axes: Any, pose: Array) -> None:
     ahead = 0.45 * np.array([np.cos(pose[2]), np.sin(pose[2])])
     axes.plot(*pose[:2], "o", color="#1f77b4", markersize=11, markeredgecolor="white")
     axes.annotate("", pose[:2] + ahead, pose[:2], arrowprops={"arrowstyle": "-|>", "color": "#1f77b4"})
-
-
-def _legend(axes: Any, entries: Sequence[tuple[str, str, str]]) -> None:
-    for label, color, style in entries:
-        axes.plot([], [], style, color=color, label=label)
-    axes.legend(loc="lower right", fontsize=7.5, framealpha=0.9)
 
 
 def plain(axes: Any, title: str) -> None:

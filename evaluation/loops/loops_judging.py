@@ -33,6 +33,9 @@ from loop_closure.places.place_model import PlaceModel
 PROTOCOLS = ("model", "cross", "k-fold")
 
 
+HEADING = f"{'log':28}{'within':>8}{'pairs +':>9}{'pairs -':>9}{'D@0%':>8}{'D@0.1%':>8}{'D@1%':>8}{'AP':>7}"
+
+
 @dataclass(frozen=True)
 class Judgement:
     """D of one recording at one distance; with k-fold the curve of the first permutation, and all."""
@@ -42,13 +45,15 @@ class Judgement:
     curve: Roc
     validation: Validation | None = None
 
-    def spread_text(self) -> str:
-        """Mean and deviation over permutations, for the end of a line; nothing without."""
+    def line(self) -> str:
+        """Figures below `HEADING`, and with k-fold mean and deviation over permutations behind them."""
+        rates = "".join(f"{100.0 * self.curve.detection_at(rate):8.1f}" for rate in (0.0, 0.001, 0.01))
+        text = f"{self.name:28}{self.rule.distance:>6g} m{self.curve.positives:>9}{self.curve.negatives:>9}{rates}"
+        text += f"{self.curve.average_precision:7.3f}"
         if self.validation is None:
-            return ""
-        return "   " + ", ".join(
-            f"{100 * s.mean:.1f} ± {100 * s.deviation:.1f}" for s in self.validation.spreads()
-        )
+            return text
+        spreads = (f"{100 * s.mean:.1f} ± {100 * s.deviation:.1f}" for s in self.validation.spreads())
+        return f"{text}   {', '.join(spreads)}"
 
     def as_dict(self) -> dict[str, Any]:
         spread = {}

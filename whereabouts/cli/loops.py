@@ -12,8 +12,6 @@ from whereabouts.cli.common import Dask, Jobs, JsonFile, file_to_write, write_fi
 
 if TYPE_CHECKING:
     from evaluation.loops.place_training import Recording
-    from evaluation.loops.roc import Roc
-    from loop_closure.places.pairs import PairRule
     from loop_closure.places.place_model import PlaceModel
 
 app = typer.Typer(help="Train, evaluate and inspect the loop-closure classifier.", no_args_is_help=True)
@@ -187,7 +185,7 @@ def evaluate(
     from dataclasses import replace
 
     from evaluation.loops.loops_data import Reading, read_recording
-    from evaluation.loops.loops_judging import JudgingPlan, draw_curves, judge
+    from evaluation.loops.loops_judging import HEADING, JudgingPlan, draw_curves, judge
     from evaluation.parallel import cluster
     from loop_closure.places.pairs import PairRule
     from whereabouts.system.progress import track
@@ -202,11 +200,7 @@ def evaluate(
             protocol, chosen, _method(method), rounds, positives, negatives, folds, repetitions, seed
         )
         found = judge(recordings, rules, plan, jobs, "judging")
-    typer.echo(
-        f"{'log':28}{'within':>8}{'pairs +':>9}{'pairs -':>9}{'D@0%':>8}{'D@0.1%':>8}{'D@1%':>8}{'AP':>7}"
-    )
-    for row in found:
-        typer.echo(_line(row.name, row.rule, row.curve) + row.spread_text())
+    typer.echo("\n".join([HEADING, *(row.line() for row in found)]))
     if curve is not None:
         draw_curves(found, curve)
     write_figures(json_file, {"protocol": protocol, "results": [row.as_dict() for row in found]})
@@ -275,9 +269,3 @@ def _model(name: str, recordings: list[Recording]) -> PlaceModel:
     if name in ("best", "plain"):
         return shipped_model(f"{name}_{recordings[0].dimension}d")
     return PlaceModel.load(name)
-
-
-def _line(name: str, rule: PairRule, curve: Roc) -> str:
-    rates = "".join(f"{100.0 * curve.detection_at(rate):8.1f}" for rate in (0.0, 0.001, 0.01))
-    precision = f"{curve.average_precision:7.3f}"
-    return f"{name:28}{rule.distance:>6g} m{curve.positives:>9}{curve.negatives:>9}{rates}{precision}"

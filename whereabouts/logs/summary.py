@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from copy import deepcopy
+from dataclasses import asdict, dataclass, field
 
 
 @dataclass
@@ -54,9 +55,7 @@ class Summary:
 
     def copy(self) -> Summary:
         """An account of its own with the same content."""
-        made = Summary(dict(self.records))
-        made.update(self)
-        return made
+        return deepcopy(self)
 
     @property
     def skipped_count(self) -> int:
@@ -65,11 +64,7 @@ class Summary:
 
     def as_dict(self) -> dict[str, dict[str, object]]:
         """Plain values for JSON."""
-        return {
-            "records": dict(self.records),
-            "skipped": {k: {"count": r.count, "first": r.first} for k, r in self.skipped.items()},
-            "notes": {k: {"count": r.count, "first": r.first} for k, r in self.notes.items()},
-        }
+        return asdict(self)
 
     def lines(self) -> list[str]:
         """One sentence per reason, skips first; empty when there is nothing to say."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import yaml
 from pydantic import field_validator, model_validator
 
 from estimation.errors import InputError
 from estimation.geometry.places import Places
+from whereabouts.parameter_file import read_yaml
 from whereabouts.parameters.parameter_base import BaseFrame, FileParameters, MapFrame, setting, setting_of
 from whereabouts.system.clocks import SECOND, TOLERANCE
 from world_model import WorldModelConfig
@@ -104,7 +104,7 @@ class WorldModelParameters(MapFrame, BaseFrame, FileParameters):
             colors=[name for name in self.colors if name],
             attributes=[name for name in self.attributes if name],
             region=((x0, x1), (y0, y1), (z0, z1)),
-            motion=_yaml(self.behaviors_file) if self.behaviors_file else None,
+            motion=read_yaml(Path(self.behaviors_file), InputError) if self.behaviors_file else None,
             late_window=LATEST,
         )
 
@@ -117,11 +117,3 @@ class WorldModelParameters(MapFrame, BaseFrame, FileParameters):
     def symbols(self) -> Symbols:
         """Raises InputError naming file and symbol."""
         return Symbols.load(self.predicates_file) if self.predicates_file else default_symbols()
-
-
-def _yaml(path: str) -> dict[str, dict[str, object]]:
-    try:
-        given: dict[str, dict[str, object]] = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
-    return given

@@ -12,11 +12,12 @@ from whereabouts.robot.findings import Finding
 OWN = ("estimation", "registration", "loop_closure", "tracking", "world_model", "whereabouts")
 ROS = ("rclpy", "sensor_msgs", "tf2_msgs", "vision_msgs", "map_msgs", "whereabouts_msgs")
 OTHERS = {
-    "gtsam": "gtsam",
-    "small_gicp": "small_gicp",
-    "kiss_icp": "kiss-icp",
-    "kiss_matcher": "kiss_matcher",
+    "gtsam": "no loops are closed",
+    "small_gicp": "clouds cannot be registered",
+    "kiss_icp": "clouds cannot be followed",
+    "kiss_matcher": "clouds are not placed without a guess",
 }
+"""Other people's packages, and what goes without them."""
 MISSING = "not installed"
 
 
@@ -39,7 +40,7 @@ def _origin(name: str) -> str:
         return str(next(iter(spec.submodule_search_locations or ["?"])))
     place = str(Path(spec.origin).parent)
     try:
-        return f"{place} ({importlib.metadata.version(OTHERS[name])})" if name in OTHERS else place
+        return f"{place} ({importlib.metadata.version(name)})" if name in OTHERS else place
     except importlib.metadata.PackageNotFoundError:
         return place
 
@@ -62,12 +63,7 @@ def import_findings(places: dict[str, str]) -> list[Finding]:
         said.append(Finding("note", f"no nodes can run here: {', '.join(missing)} not installed"))
     said += [
         Finding("note", f"{name} is not installed: {what}")
-        for name, what in (
-            ("gtsam", "no loops are closed"),
-            ("small_gicp", "clouds cannot be registered"),
-            ("kiss_icp", "clouds cannot be followed"),
-            ("kiss_matcher", "clouds are not placed without a guess"),
-        )
+        for name, what in OTHERS.items()
         if places[name] == MISSING
     ]
     return said

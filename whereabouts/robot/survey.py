@@ -153,16 +153,11 @@ class Survey:
         """All parents a frame was given, sorted."""
         return sorted({edge.parent for edge in self.edges.values() if edge.child == child})
 
-    def chain(self, frame: str) -> list[str]:
-        """A frame, its parent, and so on up to the root; of two parents the one whose chain is longer."""
-        above = [self.chain_without(parent, {frame}) for parent in self.parents(frame)]
-        return [frame, *max(above, key=len, default=[])]
-
-    def chain_without(self, frame: str, known: set[str]) -> list[str]:
-        """The same, going round no circle."""
+    def chain(self, frame: str, known: frozenset[str] = frozenset()) -> list[str]:
+        """A frame, its parent, and so on up to the root or to one that is known; of two parents the longer chain."""
         if frame in known:
             return []
-        above = [self.chain_without(parent, known | {frame}) for parent in self.parents(frame)]
+        above = [self.chain(parent, known | {frame}) for parent in self.parents(frame)]
         return [frame, *max(above, key=len, default=[])]
 
     def mounting(self, sensor: str, base: str) -> Matrix | None:

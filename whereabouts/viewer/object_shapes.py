@@ -26,12 +26,9 @@ def world(message: Any, path: str, name: str) -> Iterator[Shape]:
     """whereabouts_msgs/WorldState: a box with its symbols for each object; the lost ones in red, over their region."""
     centers, sizes, colors, labels = [], [], [], []
     for item in message.objects:
-        size = xyz(item.region.size) if item.lost and any(xyz(item.region.size)) else xyz(item.size)
-        place = (
-            item.region.center.position
-            if item.lost and any(xyz(item.region.size))
-            else item.pose.pose.position
-        )
+        place, size = item.pose.pose.position, xyz(item.size)
+        if item.lost and any(xyz(item.region.size)):
+            place, size = item.region.center.position, xyz(item.region.size)
         centers.append(xyz(place))
         sizes.append(tuple(extent or UNKNOWN_SIZE for extent in size))
         colors.append(LOST if item.lost else PRESENT)
@@ -53,12 +50,11 @@ def label_of(item: Any) -> str:
 
 def _named(item: Any) -> str:
     """ "the red cup (cup-1)", or the symbol with its predicates where the class is not known."""
-    classes = dict(zip(item.class_distribution.values, item.class_distribution.probabilities, strict=False))
-    kind = max(classes, key=classes.__getitem__, default="")
+    kind, probability = most_probable(item.class_distribution)
     predicates = [str(word) for word in item.predicates]
-    if not kind or classes[kind] < LIKELY:
+    if not kind or probability < LIKELY:
         return ", ".join([str(item.id), *predicates])
-    share = "" if classes[kind] >= SURE else f", {classes[kind]:.2f}"
+    share = "" if probability >= SURE else f", {probability:.2f}"
     return f"the {' '.join([*(word for word in predicates if word not in (kind, MOVED_ON)), kind])}{share} ({item.id})"
 
 

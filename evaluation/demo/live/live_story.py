@@ -12,7 +12,7 @@ from evaluation.demo.belief_judging import JudgedBeliefs, judged
 from whereabouts.nodes.live.live_robot import DriveGoal, LiveRobot, SearchRequest
 from whereabouts.simulation.home.apartment_bag import START
 from whereabouts.simulation.home.apartment_day import MOVED, THINGS, TICKS
-from whereabouts.simulation.home.live_apartment import ARM, ASKED, GLANCE, REACH, STARE, LiveDay, tour
+from whereabouts.simulation.home.live_apartment import ARM, ASKED, GLANCE, REACH, STARE, tour
 from world_model import WorldObject
 
 Array = NDArray[np.float64]
@@ -95,15 +95,15 @@ class Teller:
         if script.maintained > 0.0:
             self._phase("maintenance")
             self._robot.take_base(False)
-            until = self._day.time + script.maintained
-            yield from self._while(lambda: self._day.time < until)
+            yield from self._wait(script.maintained)
             self._robot.take_base(True)
             self._robot.stop()
         if script.sought:
             self._phase("sought")
             yield from self._seek(script.sought)
         self._phase("search")
-        self._remember(self._day)
+        if self._robot.world is not None:
+            self.story.objects = self._robot.world.objects
         yield from self._fetch()
         if self.story.fetched is not None:
             self._phase("home")
@@ -123,8 +123,7 @@ class Teller:
 
     def _wait(self, seconds: float) -> Iterator[bool]:
         until = self._day.time + seconds
-        while self._day.time < until:
-            yield True
+        yield from self._while(lambda: self._day.time < until)
 
     def _tour(self) -> Iterator[bool]:
         for stop in tour():
@@ -224,10 +223,6 @@ class Teller:
             name = self.story.phases[-1][1]
             before = sum(self.story.metres.values())
             self.story.metres[name] = self._day.robot.metres - before
-
-    def _remember(self, day: LiveDay) -> None:
-        state = self._robot.world
-        self.story.objects = () if state is None else state.objects
 
     def _watch(self) -> None:
         story, day = self.story, self._day

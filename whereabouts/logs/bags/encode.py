@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimation.errors import InputError
 from estimation.geometry.rotations import quaternion_from_rotation
 from whereabouts.logs.bags.ros_types import standard_types
 from whereabouts.messages.message_rotations import quaternion_of_yaw
-from whereabouts.messages.records import Array, CloudRecord, OdometryRecord, ScanRecord, TransformRecord
+from whereabouts.messages.records import CloudRecord, OdometryRecord, ScanRecord, TransformRecord
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
@@ -59,12 +58,19 @@ def scan_message(record: ScanRecord) -> Any:
 
 def odometry_message(record: OdometryRecord) -> Any:
     """nav_msgs/Odometry; zeros where covariance or twist are unknown."""
-    pose = _planar_pose(record.pose) if record.transform is None else _pose(record.transform)
+    if record.transform is None:
+        x, y, yaw = record.pose
+        position, turn = _xyz("Point", (x, y, 0.0)), _quaternion(quaternion_of_yaw(float(yaw)))
+    else:
+        position = _xyz("Point", record.transform[:3, 3])
+        turn = _quaternion(quaternion_from_rotation(record.transform[:3, :3]))
+    pose = _make("geometry_msgs/msg/Pose", position=position, orientation=turn)
     covariance = np.zeros((6, 6))
     if record.covariance is not None:
         covariance[np.ix_((0, 1, 5), (0, 1, 5))] = record.covariance
-    vx, vy, turn = (0.0, 0.0, 0.0) if record.twist is None else (float(value) for value in record.twist)
-    twist = _make("geometry_msgs/msg/Twist", linear=_vector(vx, vy, 0.0), angular=_vector(0.0, 0.0, turn))
+    vx, vy, rate = (0.0, 0.0, 0.0) if record.twist is None else record.twist
+    linear, angular = _xyz("Vector3", (vx, vy, 0.0)), _xyz("Vector3", (0.0, 0.0, rate))
+    twist = _make("geometry_msgs/msg/Twist", linear=linear, angular=angular)
     return _make(
         ODOMETRY_TYPE,
         header=_header(record.stamp, record.frame_id),
@@ -77,38 +83,30 @@ def odometry_message(record: OdometryRecord) -> Any:
 def cloud_message(record: CloudRecord) -> Any:
     """sensor_msgs/PointCloud2: x, y, z as float32, then `timestamp` as float64 where times are known."""
     count = len(record.points)
-    layout = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    layout = [("x", "<f4", FLOAT32), ("y", "<f4", FLOAT32), ("z", "<f4", FLOAT32)]
     if record.times is not None:
-        layout.append(("timestamp", "<f8"))
-    values = np.zeros(count, dtype=np.dtype(layout))
+        layout.append(("timestamp", "<f8", FLOAT64))
+    values = np.zeros(count, dtype=np.dtype([(name, kind) for name, kind, _ in layout]))
     for index, axis in enumerate("xyz"):
         values[axis] = record.points[:, index]
     if record.times is not None:
         values["timestamp"] = record.times
+    fields = [
+        _make("sensor_msgs/msg/PointField", name=name, offset=4 * place, datatype=datatype, count=1)
+        for place, (name, _, datatype) in enumerate(layout)
+    ]
     return _make(
         CLOUD_TYPE,
         header=_header(record.stamp, record.frame_id),
         height=1,
         width=count,
-        fields=_point_fields(values.dtype),
+        fields=fields,
         is_bigendian=False,
         point_step=values.itemsize,
         row_step=values.itemsize * count,
         data=np.frombuffer(values.tobytes(), dtype=np.uint8),
         is_dense=True,
     )
-
-
-def _point_fields(layout: np.dtype[Any]) -> list[Any]:
-    fields = []
-    assert layout.fields is not None
-    for name in layout.names or ():
-        kind, offset = layout.fields[name][:2]
-        datatype = FLOAT32 if kind.itemsize == 4 else FLOAT64
-        fields.append(
-            _make("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=datatype, count=1)
-        )
-    return fields
 
 
 def transform_message(records: Sequence[TransformRecord]) -> Any:
@@ -120,8 +118,8 @@ def transform_message(records: Sequence[TransformRecord]) -> Any:
             child_frame_id=record.child_frame_id,
             transform=_make(
                 "geometry_msgs/msg/Transform",
-                translation=_vector(*_floats(record.transform[:3, 3])),
-                rotation=_quaternion(record.transform),
+                translation=_xyz("Vector3", record.transform[:3, 3]),
+                rotation=_quaternion(quaternion_from_rotation(record.transform[:3, :3])),
             ),
         )
         for record in records
@@ -139,32 +137,10 @@ def _header(stamp: float, frame_id: str) -> Any:
     return _make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
 
 
-def _vector(x: float, y: float, z: float) -> Any:
-    return _make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+def _xyz(kind: str, values: Iterable[float]) -> Any:
+    """geometry_msgs/Point or Vector3."""
+    return _make(f"geometry_msgs/msg/{kind}", **dict(zip("xyz", map(float, values), strict=True)))
 
 
-def _quaternion(matrix: Array) -> Any:
-    x, y, z, w = quaternion_from_rotation(matrix[:3, :3]).tolist()
-    return _make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-
-
-def _planar_pose(pose: Array) -> Any:
-    x, y, z, w = quaternion_of_yaw(float(pose[2]))
-    return _make(
-        "geometry_msgs/msg/Pose",
-        position=_make("geometry_msgs/msg/Point", x=float(pose[0]), y=float(pose[1]), z=0.0),
-        orientation=_make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
-    )
-
-
-def _pose(matrix: Array) -> Any:
-    x, y, z = _floats(matrix[:3, 3])
-    return _make(
-        "geometry_msgs/msg/Pose",
-        position=_make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=_quaternion(matrix),
-    )
-
-
-def _floats(values: NDArray[np.float64]) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])
+def _quaternion(values: Iterable[float]) -> Any:
+    return _make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", map(float, values), strict=True)))

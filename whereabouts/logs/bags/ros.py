@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from whereabouts.logs.bags.bag_directory import open_bag
-from whereabouts.logs.bags.ros_types import decoded, types_of
+from whereabouts.logs.bags.ros_types import decoded
 from whereabouts.logs.bags.storage import Stored, Topic, wanted_by
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.log import Log
@@ -63,11 +63,6 @@ class RosLog(Log):
             self.summary.skip(f"{topic.name}: {topic.type_name} is not used", stored.where)
             return
         try:
-            types_of(topic)
-        except UnreadableTypeError as error:
-            self.summary.skip(f"{topic.name}: {topic.type_name} cannot be read: {error}", stored.where)
-            return
-        try:
             yield from _records_of(stored)
         except (UnreadableTypeError, UnusableMessageError) as error:
             self.summary.skip(f"{topic.name}: {error}", stored.where)
@@ -117,14 +112,12 @@ class RawLog:
     summary : account of the running or last pass.
     """
 
-    def __init__(
-        self, path: Path | str, topics: Iterable[str] | None = None, unpacked_limit: int = UNPACKED_LIMIT
-    ) -> None:
+    def __init__(self, path: Path | str, topics: Iterable[str] | None = None) -> None:
         self.path = Path(path)
         self.summary = Summary()
         self._wanted = wanted_by(topics)
         _check(self.path)
-        self._bag = open_bag(self.path, self.summary, unpacked_limit)
+        self._bag = open_bag(self.path, self.summary)
         self._found = self.summary.copy()
 
     @property

@@ -30,12 +30,12 @@ def types_of(topic: Topic) -> Typestore:
     ------
     UnreadableTypeError : no definition, or one that cannot be parsed.
     """
-    if topic not in _FOUND:
+    found = _FOUND.get(topic)
+    if found is None:
         try:
-            _FOUND[topic] = _parsed(topic)
+            found = _FOUND[topic] = _parsed(topic)
         except UnreadableTypeError as error:
-            _FOUND[topic] = str(error)
-    found = _FOUND[topic]
+            found = _FOUND[topic] = f"{topic.type_name} cannot be read: {error}"
     if isinstance(found, str):
         raise UnreadableTypeError(found)
     return found

@@ -21,7 +21,7 @@ BLOCK_LIMIT = 256 << 20
 
 def oversized(path: Path, limit: int, where: str = "") -> OversizedLogError:
     """What is raised where something unpacks to more than its limit."""
-    return OversizedLogError(path, f"unpacks to more than {_size(limit)}, the limit", where)
+    return OversizedLogError(path, f"unpacks to more than {limit / 2**20:g} MiB, the limit", where)
 
 
 def unpack(form: str, data: bytes, path: Path, limit: int, where: str = "") -> bytes:
@@ -87,11 +87,3 @@ class Bounded(io.RawIOBase):
 def bounded(stream: object, path: Path, limit: int) -> BinaryIO:
     """A stream to read lines from, up to a limit of bytes."""
     return cast(BinaryIO, io.BufferedReader(Bounded(cast(BinaryIO, stream), path, limit), 1 << 16))
-
-
-def _size(count: int) -> str:
-    for unit in ("bytes", "KiB", "MiB", "GiB"):
-        if count < 1024 or unit == "GiB":
-            return f"{count:g} {unit}"
-        count = count // 1024 if count % 1024 == 0 else count / 1024  # type: ignore[assignment]
-    raise AssertionError

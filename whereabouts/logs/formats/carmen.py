@@ -123,7 +123,8 @@ class CarmenLog(Log):
         laser = LASERS.get(keyword)
         if laser is not None:
             side, parser = laser
-            return self._scan(side, parser(fields, self._limit(side)))
+            limit = self._lasers[side].max_range if self._max_range is None else self._max_range
+            return self._scan(side, parser(fields, limit))
         if keyword == b"ODOM":
             return self._odometry(fields)
         if keyword == b"PARAM":
@@ -132,9 +133,6 @@ class CarmenLog(Log):
         if keyword in OTHER_MESSAGES:
             raise BadLineError(f"{keyword.decode()} messages, not used")
         raise BadLineError("not a CARMEN message")
-
-    def _limit(self, side: str) -> float | None:
-        return self._lasers[side].max_range if self._max_range is None else self._max_range
 
     def _scan(self, side: str, line: LaserLine) -> ScanRecord:
         topic, frame = TOPICS[side]

@@ -202,7 +202,7 @@ class G2oLog(Log):
         )
 
 
-def read_g2o(path: Path | str, summary: Summary | None = None) -> G2oGraph:
+def read_g2o(path: Path | str) -> G2oGraph:
     """Read vertices and edges of a planar graph; scans are what open_log gives.
 
     Raises
@@ -213,7 +213,7 @@ def read_g2o(path: Path | str, summary: Summary | None = None) -> G2oGraph:
 
     source = Path(path)
     _, member = detect(source)
-    graph = _read_graph(TextSource(source, member), Summary() if summary is None else summary)
+    graph = _read_graph(TextSource(source, member), Summary())
     if not len(graph.ids):
         raise NothingRecognisedError(source, "no VERTEX_SE2 line; only planar graphs can be read")
     return graph
