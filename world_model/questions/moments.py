@@ -119,6 +119,10 @@ class Span:
         return f"between {clock(self.start)} and {clock(self.end)}"
 
 
+When = str | float | Span | None
+"""A time in words, in s, as a span, or none."""
+
+
 def moment(words: str | float, now: float) -> Span:
     """The moment or span that words stand for. Raises InputError where they stand for none, saying what can be said."""
     if isinstance(words, (int, float)) and not isinstance(words, bool):
