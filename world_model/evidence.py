@@ -106,8 +106,8 @@ class Measurements:
 
     def only(self, which: list[int]) -> Measurements:
         """Some of the detections."""
-        told = {name: getattr(self, name) for name in ("attributes", "object_ids", "quantities", "begins")}
-        some: dict[str, Any] = {name: tuple(each[i] for i in which) for name, each in told.items()}
+        names = ("attributes", "object_ids", "quantities", "begins")
+        some: Any = {name: tuple(getattr(self, name)[i] for i in which) for name in names}
         return replace(self, positions=self.positions[which], covariances=self.covariances[which], **some)
 
 

@@ -286,9 +286,9 @@ class Store(Records):
             with self._transaction(stamp=self._clock.stamp) as change:
                 change.thin(self.rows - self.limit, self.limit)
             self._execute("VACUUM")
-            self._execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
         except sqlite3.Error as error:
             raise StoreError(f"{self.path}: cannot be compacted: {error}") from error
+        self.save()
         return before - self.rows
 
     def close(self) -> None:

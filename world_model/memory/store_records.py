@@ -232,14 +232,10 @@ class Records:
             prefix,
         ).fetchall()
 
-    def first_look(self, object_id: str, epoch: int) -> str | None:
-        """JSON of the attributes in the oldest row of history of an object."""
-        found = self._of(object_id, epoch, "h.attributes", "ORDER BY h.stamp, h.row LIMIT 1").fetchone()
-        return None if found is None else str(found[0])
-
-    def look(self, object_id: str, epoch: int) -> WorldObject | None:
-        """The newest row of history of an object."""
-        found = self._of(object_id, epoch, COLUMNS, f"{NEWEST_FIRST} LIMIT 1").fetchone()
+    def look(self, object_id: str, epoch: int, first: bool = False) -> WorldObject | None:
+        """The newest row of history of an object, or the first."""
+        order = "ORDER BY h.stamp, h.row" if first else NEWEST_FIRST
+        found = self._of(object_id, epoch, COLUMNS, f"{order} LIMIT 1").fetchone()
         return None if found is None else decode(object_id, tuple(found))
 
     def active(self, start: float, end: float) -> list[str]:

@@ -11,7 +11,7 @@ from estimation.checks import FloatArray
 from estimation.geometry.places import Place
 from estimation.geometry.polygons import outline_distance
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed
-from world_model.questions.moments import Span
+from world_model.questions.moments import Span, When
 from world_model.questions.naming import (
     at_the,
     described,
@@ -24,7 +24,6 @@ from world_model.questions.naming import (
 )
 from world_model.questions.past import (
     Change,
-    When,
     moves_at,
     moves_of,
     period_of,

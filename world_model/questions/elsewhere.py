@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import pairwise
 
 from world_model.memory.courses import PlaceCourse, Sight, courses_of, courses_of_rows
 from world_model.questions.recall import FOUND_AFTER, Recall, Timeline, remembered
@@ -111,20 +112,13 @@ def _votes(course: PlaceCourse | None, place: str, stamp: float) -> tuple[dict[s
     if course is None:
         return votes, out
     stamps, places = course.stamps.tolist(), course.places
-    for index, before in enumerate(places):
-        after = index + 1
-        if before is None or after >= len(places):
-            continue
-        left, absent = stamps[after], 0.0
-        if places[after] is None:
-            if after + 1 >= len(places):
-                continue  # that is what is asked about
-            absent = stamps[after + 1] - left
-            after += 1
+    there = [index for index, at in enumerate(places) if at is not None]
+    for index, after in pairwise(there):
+        before, to, left = places[index], places[after], stamps[index + 1]
         weight = _same_hour(left, stamp) * (1.0 if before == place else ANY_PLACE)
-        if absent > OUT:
+        if stamps[after] - left > OUT:
             out += weight
-        elif (to := places[after]) and (before == place or to != place):
+        elif to and (before == place or to != place):
             votes[to] = votes.get(to, 0.0) + weight
     return votes, out
 

@@ -282,7 +282,6 @@ often        (?:did|was) (?!{_I} |anyone |anything ){_W} moved(?: around)?
 moved        (?:did|was) (?!{_I} |anyone |anything ){_W} (?:moved|gone|came) {_TO}
 moved        (?:did|was) (?!{_I} |anyone |anything ){_W} left (?P<left>.+)
 who_moved    (?:did|was) (?:{_I}|anyone|{_WHO}) moved {_W}
-who          (?:when )(?:was|did) {_WHO} came(?: {_HERE})?
 carried      what (?:did|was) {_WHO} (?:moved|done?|doing)(?: with| around)?
 who          {_BE} (?:there )?anyone(?: seen)? (?:{_HERE}|{_AT})
 who          did anyone (?:was|came)(?: {_HERE})?(?: {_TO})?

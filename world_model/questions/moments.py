@@ -119,6 +119,10 @@ class Span:
         return f"between {clock(self.start)} and {clock(self.end)}"
 
 
+When = str | float | Span | None
+"""A time in words, in s, as a span, or none."""
+
+
 def moment(words: str | float, now: float) -> Span:
     """The moment or span that words stand for. Raises InputError where they stand for none, saying what can be said."""
     if isinstance(words, (int, float)) and not isinstance(words, bool):
@@ -323,17 +327,13 @@ def _hours(text: str) -> tuple[float, bool]:
         raise ValueError("there are 24 hours of 60 minutes")
     if found["half"]:
         hour = hour % 12 + (12 if found["half"] == "p" else 0)
-    minutes += _minutes(found["shift"] or "")
+    shift = (found["shift"] or "").removeprefix("a ").replace(" minutes", "")
+    if shift.startswith("half"):
+        minutes += 30.0
+    elif shift:
+        many, way = shift.rsplit(" ", 1)
+        minutes += (15.0 if many == "quarter" else _number(many)) * (-1 if way == "to" else 1)
     return hour + minutes / 60 + seconds / 3600, bool(found["half"]) or len(parts) > 1 or not 0 < hour < 12
-
-
-def _minutes(shift: str) -> float:
-    """Minutes after the hour of "half past", "ten minutes to"."""
-    if not shift or shift.startswith("half"):
-        return 30.0 if shift else 0.0
-    many, way = re.sub(" minutes", "", shift.removeprefix("a ")).rsplit(" ", 1)
-    minutes = 15.0 if many == "quarter" else _number(many)
-    return -minutes if way == "to" else minutes
 
 
 def _when(text: str, now: datetime, coming: bool = False) -> Pair:

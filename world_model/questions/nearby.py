@@ -9,7 +9,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.geometry.polygons import outline_distance
 from world_model.questions.answers import Answer, NothingKnownError, NotUnderstoodError, clean, clock, listed
-from world_model.questions.moments import Span
+from world_model.questions.moments import When
 from world_model.questions.naming import at_the, described, one_named, place_named, spoken
 from world_model.questions.recall import Recall, Trust
 from world_model.questions.where import line_at, where_is, where_was, within
@@ -26,7 +26,7 @@ class _Spot(NamedTuple):
     p: float
 
 
-def what_is_near(world: Recall, what: str, when: str | float | Span | None = None) -> Answer:
+def what_is_near(world: Recall, what: str, when: When = None) -> Answer:
     """The things in the room of a thing or a piece of furniture, the nearest first. value : ids.
 
     Of furniture the distance is that to its outline, and what is on or in it is not near it. Raises NothingKnownError,
@@ -63,7 +63,7 @@ def what_is_near(world: Recall, what: str, when: str | float | Span | None = Non
     return Answer.stated(sentence, "what_is_near", p, stamp, [other for _, other, _ in found], (), options)
 
 
-def how_far(world: Recall, what: str, other: str, when: str | float | Span | None = None) -> Answer:
+def how_far(world: Recall, what: str, other: str, when: When = None) -> Answer:
     """How far apart two things are, or were at a moment. value : m.
 
     Raises NothingKnownError, AmbiguousError, and NotUnderstoodError for more than a moment.
@@ -85,9 +85,7 @@ def how_far(world: Recall, what: str, other: str, when: str | float | Span | Non
     return Answer.stated(sentence, "how_far", spots[0].p * spots[1].p, stamp, away)
 
 
-def _moment(world: Recall, when: str | float | Span | None) -> float:
-    if when is None:
-        return world.now
+def _moment(world: Recall, when: When) -> float:
     span = within(world, when)
     if span.lasts:
         raise NotUnderstoodError(f'When? Say a moment of "{clean(span.words)}", as "yesterday at nine".')

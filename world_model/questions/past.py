@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import elsewhere
-from world_model.questions.moments import Span, moment
+from world_model.questions.moments import Span, When, moment
 from world_model.questions.naming import (
     at_the,
     described,
@@ -21,7 +21,6 @@ from world_model.questions.recall import AWAY, ObjectStay, Recall, Timeline, Tru
 from world_model.questions.where import FOUND, evidence_of, within
 from world_model.state import DAY, PERSON
 
-When = str | float | Span | None  # What "since" can be: words, s, or a span
 WEEK = 7 * DAY
 DAYS, ENDS = 3 * DAY, 80
 """Of a span longer than so many s only its beginning and so many rows of its end are read, for what has changed."""

@@ -329,20 +329,20 @@ class Recall:
 
     def has_changed(self, object_id: str) -> bool:
         """Whether an object looks otherwise than when it was first seen: others may have changed places with it."""
-        item = self.present.get(object_id)
-        first = self._first_look(object_id)
-        return item is not None and first is not None and likeness(first, item.attributes) < LOOKS_ALIKE
-
-    def _first_look(self, object_id: str) -> Mapping[str, Mapping[str, float]] | None:
-        text = None if self.store is None else self.store.first_look(object_id, self.epoch)
-        return None if text is None else _attributes(text)
+        item, first = self.present.get(object_id), self._first_look(object_id)
+        if item is None or first is None:
+            return False
+        return likeness(first.attributes, item.attributes) < LOOKS_ALIKE
 
     def took_over(self, object_id: str) -> str:
         """What looks now as an object did that has changed, "" where there is none."""
-        first = self._first_look(object_id)
-        others = [item for item in self.present.values() if item.id != object_id and not item.lost]
-        alike = [item.id for item in others if first and likeness(first, item.attributes) >= LOOKS_ALIKE]
+        alike = [
+            item.id for item in self._looking_as(self._first_look(object_id), object_id) if not item.lost
+        ]
         return alike[0] if len(alike) == 1 else ""
+
+    def _first_look(self, object_id: str) -> WorldObject | None:
+        return None if self.store is None else self.store.look(object_id, self.epoch, first=True)
 
     def latest(self, object_id: str, most: int = NEWEST) -> Timeline:
         """The newest part of an object's timeline: what a question about the present needs, however long it is known.
@@ -448,13 +448,15 @@ class Recall:
 
     def alike(self, object_id: str) -> list[str]:
         """Other present objects that cannot be told from one by what they look like."""
-        mine = self.present.get(object_id)
-        if mine is None:
+        alike = self._looking_as(self.present.get(object_id), object_id)
+        return [item.id for item in alike if item.existence >= BELIEVED]
+
+    def _looking_as(self, seen: WorldObject | None, apart_from: str) -> list[WorldObject]:
+        """Present objects that look as one that was seen."""
+        if seen is None:
             return []
-        others = (
-            item for item in self.present.values() if item.id != object_id and item.existence >= BELIEVED
-        )
-        return [item.id for item in others if likeness(mine.attributes, item.attributes) >= LOOKS_ALIKE]
+        others = (item for item in self.present.values() if item.id != apart_from)
+        return [item for item in others if likeness(seen.attributes, item.attributes) >= LOOKS_ALIKE]
 
 
 _attributes = lru_cache(4096)(json.loads)

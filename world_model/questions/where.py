@@ -25,7 +25,7 @@ from world_model.questions.answers import (
     told,
 )
 from world_model.questions.elsewhere import WEEKS, course_of, elsewhere
-from world_model.questions.moments import Span, moment
+from world_model.questions.moments import Span, When, moment
 from world_model.questions.naming import (
     Meant,
     at_the,
@@ -88,7 +88,7 @@ def _several(world: Recall, ids: Sequence[str], each: list[Answer], plural: bool
     )
 
 
-def where_was(world: Recall, what: str, when: str | float | Span | None = None) -> Answer:
+def where_was(world: Recall, what: str, when: When = None) -> Answer:
     """Where an object was at a moment or during a span of time; without a time where it was seen last.
 
     value : name of the place, the one it was longest at during a span.
@@ -114,8 +114,13 @@ def line_at(world: Recall, name: str, stamp: float) -> Timeline:
     return world.latest(name) if stamp >= world.now else world.window(name, stamp, stamp)
 
 
-def within(world: Recall, when: str | float | Span) -> Span:
-    """A time as a span that ends now at the latest. Raises NothingKnownError for the future, InputError for no time."""
+def within(world: Recall, when: When) -> Span:
+    """A time, now where none is said, as a span that ends now at the latest.
+
+    Raises NothingKnownError for the future, InputError for no time.
+    """
+    if when is None:
+        return Span(world.now, world.now)
     span = when if isinstance(when, Span) else moment(when, world.now)
     if span.start > world.now:
         raise NothingKnownError(
@@ -291,7 +296,7 @@ def where_usually(world: Recall, what: str) -> Answer:
     return Answer(sentence, "where_usually", probability, iso(world.now), order[0], (), options)
 
 
-def which_room(world: Recall, what: str, when: str | float | Span | None = None) -> Answer:
+def which_room(world: Recall, what: str, when: When = None) -> Answer:
     """In which room an object is or was. value : name of the room, or of the place where that is in none.
 
     Raises NothingKnownError.
@@ -383,40 +388,12 @@ def places_of(name: str, chances: Mapping[str, float], order: Sequence[str]) -> 
     return tuple({"object": name, "place": place, "probability": chances[place]} for place in order)
 
 
-def at_place(world: Recall, place: str, stamp: float, ids: Sequence[str] | None = None) -> dict[str, float]:
-    """Probability by object that it is at a place at a moment; people are left out where `ids` is None."""
-    found = {}
-    now = stamp >= world.now
-    if ids is None:
-        ids = world.heads([*world.present, *world.departed(LATELY)]) if now else world.things()
-    for name in ids:
-        line = world.window(name, stamp, stamp)
-        chances = _chances(world, line, stamp)
-        p = world.inside(place, chances)
-        item = world.present.get(name)
-        if now and item is not None and not line.lost:
-            p *= item.existence
-        if p > 0.02:
-            found[name] = p
-    return found
-
-
 def _chances(world: Recall, line: Timeline, stamp: float) -> dict[str, float]:
     """Probability by place of an object at a moment; of one that has left where it was, of where it may be now."""
     if not line.lost or stamp < world.now:
         return line.at(stamp)[0]
     whole = line if line.stays else world.latest(line.id)
     return elsewhere(world, whole).places if whole.stays else {}
-
-
-def shares_at(world: Recall, place: str, span: Span, ids: Sequence[str] | None = None) -> dict[str, float]:
-    """Share of a span that each object was at a place, of those that were; of all things where `ids` is None."""
-    found = {}
-    for name in world.things() if ids is None else ids:
-        seconds = world.inside(place, world.window(name, span.start, span.end).spent(span.start, span.end))
-        if seconds > 0.0:
-            found[name] = seconds / max(span.end - span.start, 1.0)
-    return found
 
 
 class _Found(NamedTuple):
@@ -453,20 +430,30 @@ class _Found(NamedTuple):
         return objects_at(place, self.chances, what)
 
 
-def _found_at(
-    world: Recall, place: str, when: str | float | Span | None, ids: Sequence[str] | None = None
-) -> _Found:
+def _found_at(world: Recall, place: str, when: When, ids: Sequence[str] | None = None) -> _Found:
     """What is or was at a place, of all things where `ids` is None; "" is anywhere. Raises InputError for the time."""
-    span = Span(world.now, world.now) if when is None else within(world, when)
-    lasts = span.lasts
-    chances = shares_at(world, place, span, ids) if lasts else at_place(world, place, span.middle, ids)
-    there = [name for name in ranked(chances) if lasts or chances[name] >= BELIEVED]
-    then = f" {span.between}" if lasts else "" if when is None else f" at {clock(span.start)}"
-    verbs = ("is", "are") if when is None else ("was", "were")
-    return _Found(span, lasts, chances, there, then, verbs)
+    span = within(world, when)
+    now, chances = span.middle >= world.now, {}
+    if ids is None and now and not span.lasts:
+        ids = world.heads([*world.present, *world.departed(LATELY)])
+    for name in world.things() if ids is None else ids:
+        line, item = world.window(name, span.start, span.end), world.present.get(name)
+        if span.lasts:
+            p, least = (
+                world.inside(place, line.spent(span.start, span.end)) / max(span.end - span.start, 1.0),
+                0.0,
+            )
+        else:
+            p, least = world.inside(place, _chances(world, line, span.middle)), 0.02
+            p *= item.existence if now and item is not None and not line.lost else 1.0
+        if p > least:
+            chances[name] = p
+    there = [name for name in ranked(chances) if span.lasts or chances[name] >= BELIEVED]
+    then = f" {span.between}" if span.lasts else "" if when is None else f" at {clock(span.start)}"
+    return _Found(span, span.lasts, chances, there, then, ("is", "are") if when is None else ("was", "were"))
 
 
-def what_is_at(world: Recall, place: str, when: str | float | Span | None = None) -> Answer:
+def what_is_at(world: Recall, place: str, when: When = None) -> Answer:
     """What is, or was, at a place at a moment, or at any time of a span, the longest first; "" : anywhere. value : ids.
 
     Raises NothingKnownError, AmbiguousError.
@@ -489,7 +476,7 @@ def what_is_at(world: Recall, place: str, when: str | float | Span | None = None
 what_was_at = what_is_at
 
 
-def is_at(world: Recall, what: str, place: str, when: str | float | Span | None = None) -> Answer:
+def is_at(world: Recall, what: str, place: str, when: When = None) -> Answer:
     """Whether an object, or one of a class, is or was at a place at a moment, or at any time of a span. value : bool.
 
     Raises NothingKnownError, AmbiguousError.
@@ -543,7 +530,7 @@ def _elsewhere(world: Recall, name: str, stamp: float) -> str:
     return spoken(world, most_probable(chances))
 
 
-def how_many(world: Recall, what: str, place: str = "", when: str | float | Span | None = None) -> Answer:
+def how_many(world: Recall, what: str, place: str = "", when: When = None) -> Answer:
     """How many objects of a class there are, at a place or anywhere. value : number.
 
     Raises NothingKnownError, AmbiguousError.
