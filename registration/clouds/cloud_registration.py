@@ -70,7 +70,8 @@ def align_clouds(
         if best is None or score > best[0]:
             best = score, outcome
     assert best is not None
-    return _judged(moving, still, best[1], leaf, best[1].converged)
+    outcome = best[1]
+    return _judged(moving, still, outcome, leaf, outcome.converged, np.asarray(outcome.T_target_source))
 
 
 def align_clouds_ndt(source: FloatArray, target: FloatArray, start: FloatArray) -> Registration:
@@ -93,22 +94,17 @@ def _judged(
     outcome: Any,
     leaf: float,
     settled: bool,
-    transform: FloatArray | None = None,
+    transform: FloatArray,
 ) -> Registration:
-    """What an `outcome` of small_gicp amounts to, or a `transform` (4, 4) near which it is."""
-    if transform is None:
-        transform = np.asarray(outcome.T_target_source)
+    """What a `transform` (4, 4) amounts to, near which an `outcome` of small_gicp is."""
     covariance, opened = _covariance(outcome, transform)
     fitness = overlap(moving, still, transform, 3.0 * leaf)
-    reason = ""
+    reason = "the clouds leave a direction of motion open" if opened else ""
     if not settled:
         reason = "the iterations did not settle"
     elif fitness < LEAST_FITNESS:
         reason = f"only {fitness:.0%} of the source overlaps the target"
-    if reason or not opened:
-        return Registration(transform, covariance, fitness, not reason, reason)
-    reason = "the clouds leave a direction of motion open"
-    return Registration(transform, covariance, fitness, True, reason)
+    return Registration(transform, covariance, fitness, settled and fitness >= LEAST_FITNESS, reason)
 
 
 def _gicp(

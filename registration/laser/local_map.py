@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
 from estimation.geometry.sight import THROUGH
-from registration.laser.buckets import CELL, EMPTY, bucket_of, fill, nearest
 from registration.laser.prepared import ScanView
 from registration.laser.surface import Surface
-from registration.laser.target_lines import TargetLines
+from registration.laser.target_lines import CELL, EMPTY, TargetLines, bucket_of, fill, nearest
 
 SPACING = 0.06  # metres between elements of one surface
 # Cosine between normals of one element; 0.6, as in `refine`, is worse on csail and better on belgioioso.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,15 +29,7 @@ def upright(scan: Scan, mounting: Array) -> Scan:
     """The scan as a scanner that is not upside down would have taken it from the same place."""
     if mounting[2, 2] > 0.0:
         return scan
-    return Scan(
-        scan.ranges,
-        -scan.angle_min,
-        -scan.angle_increment,
-        scan.range_min,
-        scan.range_max,
-        scan.stamp,
-        scan.time_increment,
-    )
+    return replace(scan, angle_min=-scan.angle_min, angle_increment=-scan.angle_increment)
 
 
 def seen_from_robot(*mounted: tuple[Scan, Array]) -> Scan:

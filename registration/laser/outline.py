@@ -11,9 +11,8 @@ from estimation.geometry.sight import AGREES, RANGE_SIGMA, UNSEEN, beam_at, look
 from estimation.geometry.sight import SIGMAS as TELLING
 
 CLEAR = 4  # beside the labels of `estimation.geometry.sight`: near, and nothing came back from there
-MARGIN = (
-    2.0  # of what may be noise: how far in front of, or behind, what a beam saw before that says anything
-)
+# Of what may be noise: how far in front of, or behind, what a beam saw before that says anything.
+MARGIN = 2.0
 LONGEST = 0.5  # metres of outline taken to run on between two beams
 WIDE = 3.0  # of the same: how far a distance off an outline is told
 TOUCHING = 1.0001  # likewise, where only the label is asked for
@@ -50,12 +49,9 @@ def off_outline(x, y, radius, enough, xy, ranges, angle_min, step):  # type: ign
     for away in range(around // 2 + 1):
         # Beams outwards from the one that looks there, until none can be nearer than what was found.
         angle = (away - 1.5) * stride
-        # Less than its sine, and cheaper: beams that are looked at in vain change nothing.
-        if (
-            angle > 0.0
-            and distance > best
-            and (angle >= 0.5 * math.pi or distance * angle * (1.0 - angle * angle / 6.0) > best)
-        ):
+        # Less than by its sine, and cheaper: beams that are looked at in vain change nothing.
+        apart = distance if angle >= 0.5 * math.pi else distance * angle * (1.0 - angle * angle / 6.0)
+        if apart > best:
             break
         for side in range(2):
             if away == 0 and side == 1:

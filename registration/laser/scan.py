@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from estimation.errors import InputError
 
@@ -42,40 +42,23 @@ class Scan:
     stamp: float = 0.0
     time_increment: float = 0.0
 
-    def __init__(
-        self,
-        ranges: ArrayLike,
-        angle_min: float,
-        angle_increment: float,
-        range_min: float = 0.0,
-        range_max: float = np.inf,
-        stamp: float = 0.0,
-        time_increment: float = 0.0,
-    ) -> None:
-        values = np.asarray(ranges, dtype=np.float64)
+    def __post_init__(self) -> None:
+        values = np.asarray(self.ranges, dtype=np.float64)
         if values.ndim != 1:
             raise InputError(f"ranges: one-dimensional array expected, got shape {values.shape}")
-        bounds = {
-            "angle_min": angle_min,
-            "angle_increment": angle_increment,
-            "range_min": range_min,
-            "stamp": stamp,
-            "time_increment": time_increment,
-        }
-        for name, value in bounds.items():
-            if not np.isfinite(value):
-                raise InputError(f"{name}: finite number expected, got {value}")
-            object.__setattr__(self, name, float(value))
-        if np.isnan(range_max) or range_max <= range_min:
-            raise InputError(f"range_max: must exceed range_min = {range_min}, got {range_max}")
-        if not FINEST <= abs(angle_increment) <= TURN:
-            if len(values) > 1:
-                raise InputError(
-                    f"angle_increment: {FINEST:g} to 2 pi expected of several beams, got {angle_increment:g}"
-                )
-            object.__setattr__(self, "angle_increment", TURN)
-        object.__setattr__(self, "range_max", float(range_max))
         object.__setattr__(self, "ranges", values)
+        for name in ("angle_min", "angle_increment", "range_min", "range_max", "stamp", "time_increment"):
+            value = float(getattr(self, name))
+            if not np.isfinite(value) and name != "range_max":
+                raise InputError(f"{name}: finite number expected, got {value}")
+            object.__setattr__(self, name, value)
+        if not self.range_max > self.range_min:
+            raise InputError(f"range_max: must exceed range_min = {self.range_min}, got {self.range_max}")
+        if not FINEST <= abs(self.angle_increment) <= TURN:
+            if len(values) > 1:
+                step = f"{self.angle_increment:g}"
+                raise InputError(f"angle_increment: {FINEST:g} to 2 pi expected of several beams, got {step}")
+            object.__setattr__(self, "angle_increment", TURN)
 
     def __len__(self) -> int:
         return len(self.ranges)

@@ -15,16 +15,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
-from registration.laser.buckets import index
 from registration.laser.local_map import SPACING, LineMap
 from registration.laser.prepared import NOISE, PreparedScan
 from registration.laser.surface import Surface
-from registration.laser.target_lines import TargetLines
+from registration.laser.target_lines import TargetLines, target_of
 
 CELL = 0.1  # metres, of the raster of seen space
-FAR = (
-    25.0  # metres from the sensor; farther points are too sparse and turned too far by errors of the heading
-)
+# Metres from the sensor; farther points are too sparse and turned too far by errors of the heading.
+FAR = 25.0
 MARGIN = 0.2  # metres in front of what a beam hit
 RADIUS = 60.0  # metres around the last scan's sensor that are kept
 
@@ -64,12 +62,9 @@ def fuse(scans: Sequence[PreparedScan], poses: FloatArray, workspace: LineMap | 
         local.add(item.surface, item.view, np.ascontiguousarray(pose), travelled)
     count, lines = len(local), local.target
     points, normals, tilt = (kept[:count].copy() for kept in (lines.points, lines.normals, lines.tilt))
-    heads, following = index(points, normals)
-    target = TargetLines(points, normals, tilt, heads, following)
     spacing, pieces = np.full(count, SPACING), np.zeros(count, dtype=np.int64)
     surface = Surface(points, points, normals, tilt, spacing, spacing, pieces, NOISE, 0.0)
-    seen, origin = _seen_space(scans, poses)
-    return Submap(surface, target, seen, origin)
+    return Submap(surface, target_of(surface), *_seen_space(scans, poses))
 
 
 def _seen_space(scans: Sequence[PreparedScan], poses: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
@@ -78,7 +73,7 @@ def _seen_space(scans: Sequence[PreparedScan], poses: FloatArray) -> tuple[NDArr
     width, height = (np.ceil((high - low) / CELL).astype(int) + 1).tolist()
     seen = np.zeros((height, width), dtype=np.bool_)
     for item, pose in zip(scans, poses, strict=True):
-        _see(seen, low, CELL, pose, item.view.ranges, item.view.angle_min, item.view.step, FAR, MARGIN)
+        _see(seen, low, pose, item.view.ranges, item.view.angle_min, item.view.step)
     # Rooms are smaller than what could have been seen, and many local maps are kept.
     rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
     if not len(rows):
@@ -88,8 +83,8 @@ def _seen_space(scans: Sequence[PreparedScan], poses: FloatArray) -> tuple[NDArr
 
 
 @njit(cache=True)
-def _see(seen, origin, cell, pose, ranges, angle_min, step, far, margin):  # type: ignore[no-untyped-def]
-    """Mark cells beams pass on their way, ending `margin` metres in front of what they or their neighbours hit."""
+def _see(seen, origin, pose, ranges, angle_min, step):  # type: ignore[no-untyped-def]
+    """Mark cells beams pass on their way, ending MARGIN in front of what they or their neighbours hit."""
     beams = len(ranges)
     height, width = seen.shape
     for k in range(beams):
@@ -100,11 +95,11 @@ def _see(seen, origin, cell, pose, ranges, angle_min, step, far, margin):  # typ
             # Next to an edge the beam's own width decides what it hits.
             if 0 <= j < beams and math.isfinite(ranges[j]):
                 reach = min(reach, ranges[j] + 0.5)
-        reach = min(reach - margin, far)
+        reach = min(reach - MARGIN, FAR)
         angle = pose[2] + angle_min + k * step
         dx, dy = 0.7 * math.cos(angle), 0.7 * math.sin(angle)
-        x, y = (pose[0] - origin[0]) / cell, (pose[1] - origin[1]) / cell
-        for _ in range(math.floor(reach / (0.7 * cell)) + 1):
+        x, y = (pose[0] - origin[0]) / CELL, (pose[1] - origin[1]) / CELL
+        for _ in range(math.floor(reach / (0.7 * CELL)) + 1):
             if 0.0 <= x < width and 0.0 <= y < height:
                 # Signed numbers would be looked at for being counted from the end.
                 seen[np.uint64(y), np.uint64(x)] = True

@@ -181,10 +181,17 @@ def _lines(x, y, beams, step, noise):  # type: ignore[no-untyped-def]
     return feet, normals, tilt, spacing, pieces, rough, leverage / max(lined, 1)
 
 
-def scan_surface(scan: Scan, noise: float, max_range: float = np.inf, offset: float = 0.0) -> Surface:
+def scan_surface(
+    scan: Scan,
+    noise: float,
+    max_range: float = np.inf,
+    offset: float = 0.0,
+    sweep: tuple[FloatArray, FloatArray] | None = None,
+) -> Surface:
     """Surface of a scan.
 
     noise : standard deviation of a range. max_range : the farthest used. offset : what ranges read too long; metres.
+    sweep : motion (3,) of the sensor, and the share (N,) of it that it is away when each beam is sent.
     """
     keep = scan.valid
     if np.isfinite(max_range):
@@ -192,14 +199,14 @@ def scan_surface(scan: Scan, noise: float, max_range: float = np.inf, offset: fl
     beams = np.flatnonzero(keep)
     ranges = scan.ranges[beams] - offset
     bearings = scan.angle_min + scan.angle_increment * beams
+    if sweep is not None:
+        bearings += sweep[1][beams] * sweep[0][2]
     points = np.empty((len(beams), 2))
     points[:, 0] = ranges * np.cos(bearings)
     points[:, 1] = ranges * np.sin(bearings)
-    return swept_surface(points, beams, abs(scan.angle_increment), noise)
-
-
-def swept_surface(points: FloatArray, beams: NDArray[np.int64], step: float, noise: float) -> Surface:
-    """Surface of points (N, 2) in the order of their beams, `step` radians apart."""
+    if sweep is not None:
+        points += sweep[1][beams, None] * sweep[0][:2]
+    step = abs(scan.angle_increment)
     x, y = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
     feet, normals, tilt, spacing, pieces, rough, leverage = _lines(x, y, beams, step, noise)
     length = _lengths(points, normals, spacing, step)

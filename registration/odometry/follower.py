@@ -44,9 +44,9 @@ class Odometry:
 
     def reset(self) -> None:
         """Forget map, pose and the kind of data: the next call starts a new run."""
+        self._scans = ScanTracker(self.config)
         self._clouds: KissTracker | None = None
-        self._scans: ScanTracker | None = None
-        self._planar = True
+        self._planar: bool | None = None  # the kind of data, once there was some
         self._own = OwnBody()
         self.pose: FloatArray = np.zeros(3)
         self.covariance: FloatArray = np.zeros((3, 3))
@@ -92,10 +92,10 @@ class Odometry:
         if not np.isfinite(stamp):
             raise InputError(f"stamp: finite seconds expected, got {stamp}")
         if isinstance(scan_or_cloud, Scan) and self.config.scan_method == "local_map":
-            self._require(self._clouds is None)
-            scan = self._own.without(scan_or_cloud, self.pose)
             within = None if sweep is None else as_guess(sweep, shape, np.zeros(shape))
-            step = self._scan_tracker().step(scan, float(stamp), motion, within)
+            self._go_on_with(planar)
+            scan = self._own.without(scan_or_cloud, self.pose)
+            step = self._scans.step(scan, float(stamp), motion, within)
         else:
             step = self._by_kiss(scan_or_cloud, motion, times)
         self._take(step)
@@ -108,32 +108,25 @@ class Odometry:
     ) -> Step:
         planar = isinstance(measurement, Scan)
         cloud, phases = _as_cloud(measurement, times)
-        self._require(self._scans is None and (self._clouds is None or planar == self._planar))
-        tracker = self._cloud_tracker(planar)
-        if not planar:
-            return tracker.step(cloud, motion, phases)
-        return _in_plane(tracker.step(cloud, None if motion is None else planar_to_matrix(motion), phases))
-
-    def _require(self, fits: bool) -> None:
-        if not fits:
-            raise InputError("scan_or_cloud: scans and clouds cannot be mixed; call reset() first")
-
-    def _scan_tracker(self) -> ScanTracker:
-        if self._scans is None:
-            self._scans = ScanTracker(self.config)
-        return self._scans
-
-    def _cloud_tracker(self, planar: bool) -> KissTracker:
+        self._go_on_with(planar)
         if self._clouds is None:
             config = self.config
             voxel_size = config.scan_voxel_size if planar else config.cloud_voxel_size
             self._clouds = KissTracker(
                 config.max_range, voxel_size, config.cloud_noise, config.static_distance
             )
-            self._planar = planar
-            if not planar:
-                self.pose, self._lasting = np.eye(4), np.zeros((6, 6))
-        return self._clouds
+        if not planar:
+            return self._clouds.step(cloud, motion, phases)
+        lifted = None if motion is None else planar_to_matrix(motion)
+        return _in_plane(self._clouds.step(cloud, lifted, phases))
+
+    def _go_on_with(self, planar: bool) -> None:
+        """The next measurement is a scan, or a cloud."""
+        if self._planar is None and not planar:
+            self.pose, self._lasting = np.eye(4), np.zeros((6, 6))
+        if self._planar not in (None, planar):
+            raise InputError("scan_or_cloud: scans and clouds cannot be mixed; call reset() first")
+        self._planar = planar
 
     def _take(self, step: Step) -> None:
         self.increment = step.increment

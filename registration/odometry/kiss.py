@@ -54,38 +54,34 @@ class KissTracker:
         engine = self._engine
         if guess is not None:
             engine.last_delta = _rigid(guess)
-        predicted = engine.last_delta
-        if len(cloud) < MINIMUM_POINTS:
-            engine.last_pose = _rigid(engine.last_pose @ predicted)
-            reason = f"only {len(cloud)} points; at least {MINIMUM_POINTS} are needed: the pose is predicted"
-            return Step(predicted.copy(), OPEN_VARIANCE * np.eye(6), False, reason, 0.0, cloud[:0])
-        before, first = engine.last_pose, self._previous is None
-        frame, source = engine.register_frame(cloud, np.empty(0) if times is None else times)
-        frame, source = np.asarray(frame), np.asarray(source)
+        predicted, before = engine.last_delta, engine.last_pose
+        reason = f"only {len(cloud)} points; at least {MINIMUM_POINTS} are needed"
+        frame = source = np.empty((0, 3))
+        if len(cloud) >= MINIMUM_POINTS:
+            registered = engine.register_frame(cloud, np.empty(0) if times is None else times)
+            frame, source = (np.asarray(points) for points in registered)
+            reason = "no point is within the longest range"
         if not len(source):
             engine.last_pose = _rigid(before @ predicted)
-            reason = "no point is within the longest range: the pose is predicted"
+            reason += ": the pose is predicted"
             return Step(predicted.copy(), OPEN_VARIANCE * np.eye(6), False, reason, 0.0, cloud[:0])
-        increment = np.linalg.inv(before) @ engine.last_pose
-        if first:
-            self._previous = cKDTree(source)
+        previous, self._previous = self._previous, cKDTree(source)
+        if previous is None:
             return Step(np.eye(4), np.zeros((6, 6)), True, "", 1.0, frame)
-        static, fitness = self._support(frame, source, increment)
-        self._previous = cKDTree(source)
+        increment = np.linalg.inv(before) @ engine.last_pose
+        static, fitness = self._support(frame, source, increment, previous)
         covariance, reason = self._covariance(source, increment)
         if not reason and fitness < 0.3:
             reason = f"only {fitness:.0%} of the points agree with the previous cloud"
         return Step(increment, covariance, not reason, reason, fitness, static)
 
     def _support(
-        self, frame: FloatArray, source: FloatArray, increment: FloatArray
+        self, frame: FloatArray, source: FloatArray, increment: FloatArray, previous: cKDTree
     ) -> tuple[FloatArray, float]:
         """Points of `frame` near the previous cloud, and the share of `source` that is.
 
         Only `source` is compared point by point; the frame's points go with the voxel they are in.
         """
-        previous = self._previous
-        assert previous is not None
         size = 1.5 * self._engine.config.mapping.voxel_size
         limit = max(self._static_distance, 2.0 * self._engine.config.mapping.voxel_size)
         moved = source @ increment[:3, :3].T + increment[:3, 3]

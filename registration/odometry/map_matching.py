@@ -21,9 +21,8 @@ SURE = 0.6  # share of a scan's outline that needs no second look where it was p
 # The same elsewhere: somebody walking along with the sensor pulls it along, as on csail.
 SURER = 0.9
 FAR = 0.4  # share asked of a match far from the prediction where nothing but the last motion predicts
-TURNED = (
-    0.6  # less what contradicts, asked of a match turned far: rooms and corridors fit themselves backwards
-)
+# Less what contradicts, asked of a match turned far: rooms and corridors fit themselves backwards.
+TURNED = 0.6
 NEAR = (0.25, 0.12)  # metres and radians from the prediction within which little has to agree
 ELSEWHERE = 0.6  # metres or radians from it from which on a few pieces of outline fit in many places
 LEAST_OUTLINE = 4.0  # metres that have to agree far from the prediction
@@ -57,8 +56,7 @@ class Match:
     @property
     def share(self) -> float:
         """Agreeing share of the scan's outline; what the map does not know counts as not agreeing."""
-        every = self.agreement.agreeing + self.agreement.standing + self.agreement.unknown
-        return self.agreement.agreeing / max(every, 1e-9)
+        return self.agreement.share
 
     @property
     def agrees(self) -> bool:
@@ -152,8 +150,8 @@ class MapMatcher:
         found = [best, tight, *self._search(scan, start, start, NEAR_SEARCH)]
         best = self._best(found, scan, start, far)
         if little and not best.believable(start, far):
-            found = [Match(m.refined, m.agreement, self._against(m, scan)) for m in found]
-            close = [match for match in found if match.agrees or match.uncontradicted]
+            weighed = [self._weighed(match, scan) for match in found]
+            close = [match for match in weighed if match.agrees or match.uncontradicted]
             if close:
                 return max(close, key=lambda match: match.agreement.agreeing), True
         if wide and not best.believable(start, far):
@@ -174,8 +172,8 @@ class MapMatcher:
             return False
         there = replace(match.refined, pose=start)
         kept = Match(there, weigh(scan.surface, self.map.target, NOTHING_SEEN, start, 0.1))
-        ours, theirs = (replace(m, against=self._against(m, scan)) for m in (match, kept))
-        return _merit(ours, start) > _merit(theirs, start)
+        ours, theirs = (_merit(self._weighed(m, scan), start) for m in (match, kept))
+        return ours > theirs
 
     def led(self, match: Match, scan: PreparedScan, other: FloatArray) -> float:
         """By how many nat lines make a match likelier than another pose (3,)."""
@@ -189,7 +187,7 @@ class MapMatcher:
 
     def _outdoes(self, rival: Match, match: Match, scan: PreparedScan) -> bool:
         """Whether more of the scan's outline agrees there, less what contradicts."""
-        ours, theirs = (m.agreement.agreeing - self._against(m, scan) for m in (match, rival))
+        ours, theirs = (m.agreement.agreeing - self._weighed(m, scan).against for m in (match, rival))
         return rival.refined.open_directions < 3 and theirs > ours
 
     def _refined(self, scan: PreparedScan, start: FloatArray, doubt: float, prior: Prior = NO_PRIOR) -> Match:
@@ -208,23 +206,22 @@ class MapMatcher:
             pose = candidate[1:] + np.array([around[0], around[1], 0.0])
             match = self._refined(scan, pose, 0.2)
             if match.refined.open_directions in (1, 2):
-                held = keep_open(match.refined, start)
-                match = self._refined(scan, held, 0.2)
+                match = self._refined(scan, keep_open(match.refined, start), 0.2)
             found.append(match)
         return found
 
     def _best(self, found: list[Match], scan: PreparedScan, start: FloatArray, far: float) -> Match:
-        judged = [Match(m.refined, m.agreement, self._against(m, scan)) for m in found]
-        return max(judged, key=lambda match: (match.believable(start, far), _merit(match, start)))
+        weighed = [self._weighed(match, scan) for match in found]
+        return max(weighed, key=lambda match: (match.believable(start, far), _merit(match, start)))
 
-    def _against(self, match: Match, scan: PreparedScan) -> float:
-        """Map outline this scan saw through, and scan outline where the last scan saw through; metres."""
+    def _weighed(self, match: Match, scan: PreparedScan) -> Match:
+        """With what is `against` it: map outline this scan saw through, its own where the last scan did."""
         pose, surface = match.refined.pose, scan.surface
         through = SPACING * float(np.count_nonzero(self.map.seen_through(scan.view, pose)))
         odd = match.agreement.labels != 0
         points = transform_points(pose, surface.points[odd])
         standing = self._view.sight(points, self._view_pose, DOUBT) == THROUGH
-        return through + float(surface.length[odd][standing].sum())
+        return replace(match, against=through + float(surface.length[odd][standing].sum()))
 
 
 def near(one: FloatArray, other: FloatArray, share: float = 1.0) -> bool:

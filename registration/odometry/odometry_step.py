@@ -54,32 +54,18 @@ def matrix_to_planar(matrix: FloatArray) -> FloatArray:
 
 def accumulate(pose: FloatArray, covariance: FloatArray, step: Step) -> tuple[FloatArray, FloatArray]:
     """Pose and lasting covariance after one more step, (3,), (3, 3) or (4, 4), (6, 6)."""
+    lasting = step.covariance if step.drift is None else step.drift
+    by_pose, by_step = np.eye(len(covariance)), np.eye(len(covariance))
     if pose.shape == (3,):
-        return _accumulate_planar(pose, covariance, step)
-    return _accumulate_spatial(pose, covariance, step)
-
-
-def _accumulate_planar(pose: FloatArray, covariance: FloatArray, step: Step) -> tuple[FloatArray, FloatArray]:
-    lasting = step.covariance if step.drift is None else step.drift
-    matrix = planar_to_matrix(pose)
-    offset = matrix[:2, :2] @ step.increment[:2]
-    moved = np.array([*(pose[:2] + offset), pose[2] + step.increment[2]])
-    moved[2] = np.arctan2(np.sin(moved[2]), np.cos(moved[2]))
-    by_pose = np.eye(3)
-    by_pose[:2, 2] = [-offset[1], offset[0]]
-    by_step = np.eye(3)
-    by_step[:2, :2] = matrix[:2, :2]
+        rotation = planar_to_matrix(pose)[:2, :2]
+        x, y = offset = rotation @ step.increment[:2]
+        moved = np.array([*(pose[:2] + offset), pose[2] + step.increment[2]])
+        moved[2] = np.arctan2(np.sin(moved[2]), np.cos(moved[2]))
+        by_pose[:2, 2] = [-y, x]
+        by_step[:2, :2] = rotation
+    else:
+        moved, rotation = pose @ step.increment, pose[:3, :3]
+        x, y, z = rotation @ step.increment[:3, 3]
+        by_pose[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+        by_step[:3, :3] = by_step[3:, 3:] = rotation
     return moved, by_pose @ covariance @ by_pose.T + by_step @ lasting @ by_step.T
-
-
-def _accumulate_spatial(
-    pose: FloatArray, covariance: FloatArray, step: Step
-) -> tuple[FloatArray, FloatArray]:
-    lasting = step.covariance if step.drift is None else step.drift
-    rotation = pose[:3, :3]
-    x, y, z = rotation @ step.increment[:3, 3]
-    by_pose = np.eye(6)
-    by_pose[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
-    by_step = np.zeros((6, 6))
-    by_step[:3, :3] = by_step[3:, 3:] = rotation
-    return pose @ step.increment, by_pose @ covariance @ by_pose.T + by_step @ lasting @ by_step.T

@@ -16,7 +16,7 @@ from numba import njit
 from estimation.checks import FloatArray
 from registration.laser.surface import Surface
 from registration.laser.target_lines import TargetLines
-from registration.placement.refine import TUKEY, Refined
+from registration.placement.refine import TUKEY, Refined, off_line
 
 # Of use in a corridor without an end and over long drives.
 LIMIT = 0.06  # metres an offset can have
@@ -25,7 +25,7 @@ FADING = 0.9995  # per keyframe: the offset follows the temperature
 
 
 @njit(cache=True)
-def _evidence(points, normals, pose, target, target_normals, facing, matched, noise):  # type: ignore[no-untyped-def]
+def _evidence(points, pose, target, normals, facing, matched, noise):  # type: ignore[no-untyped-def]
     """Information about the offset and its gradient, with the pose's own freedom taken out."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     H, cross = np.zeros((3, 3)), np.zeros(3)
@@ -36,16 +36,14 @@ def _evidence(points, normals, pose, target, target_normals, facing, matched, no
         m = matched[k]
         if m < 0:
             continue
-        rx, ry = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
-        nx, ny = target_normals[m, 0], target_normals[m, 1]
-        r = nx * (pose[0] + rx - target[m, 0]) + ny * (pose[1] + ry - target[m, 1])
-        u = r / (TUKEY * noise)
-        if u * u >= 1.0:
+        r, u, rx, ry, nx, ny = off_line(
+            points[k, 0], points[k, 1], c, s, pose, target[m], normals[m], TUKEY * noise
+        )
+        if u >= 1.0:
             continue
-        w = (1.0 - u * u) * (1.0 - u * u) / (noise * noise)
-        far = max(math.hypot(rx, ry), 1e-6)
-        b = (nx * rx + ny * ry) / far - facing[m]
-        J[0], J[1], J[2] = nx, ny, nx * -ry + ny * rx
+        w = (1.0 - u) * (1.0 - u) / (noise * noise)
+        b = (nx * rx + ny * ry) / max(math.hypot(rx, ry), 1e-6) - facing[m]
+        J[0], J[1], J[2] = nx, ny, ny * rx - nx * ry
         for i in range(3):
             g[i] += w * r * J[i]
             cross[i] += w * b * J[i]
@@ -69,8 +67,7 @@ class RangeOffset:
     def learn(self, surface: Surface, refined: Refined, target: TargetLines, facing: FloatArray) -> None:
         """Take in one scan that has been corrected by `value` and registered to a map."""
         information, gradient = _evidence(
-            surface.points, surface.normals, refined.pose, target.points, target.normals, facing, refined.matched,
-            refined.noise,
+            surface.points, refined.pose, target.points, target.normals, facing, refined.matched, refined.noise
         )  # fmt: skip
         if not math.isfinite(information) or information <= 0.0:
             return

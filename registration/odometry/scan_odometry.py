@@ -21,18 +21,10 @@ from registration.laser.local_map import LineMap
 from registration.laser.prepared import NOISE, PreparedScan, view_of
 from registration.laser.range_noise import RangeNoise
 from registration.laser.scan import Scan
-from registration.laser.surface import Surface, scan_surface, swept_surface
+from registration.laser.surface import Surface, scan_surface
 from registration.laser.sweep import beam_shares
 from registration.odometry.habit import Habit
-from registration.odometry.map_matching import (
-    FAR,
-    GROSS,
-    NEAR_SEARCH,
-    SURE,
-    MapMatcher,
-    Match,
-    Prior,
-)
+from registration.odometry.map_matching import FAR, GROSS, NEAR_SEARCH, SURE, MapMatcher, Match
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
@@ -120,10 +112,13 @@ class ScanTracker:
             # Who turned so far between two scans has turned where he wanted.
             motion = np.array([motion[0], motion[1], 0.0])
         pace = motion if pace is None else pace
-        prepared = PreparedScan(self._surface(scan, pace, share), view_of(scan))
+        # As seen from where the sensor was in the middle of its sweep.
+        sweep = (pace, share) if share.any() else None
+        surface = scan_surface(scan, self.noise.value, self.config.max_range, self.offset.value, sweep)
+        prepared = PreparedScan(surface, view_of(scan))
         lined = int(prepared.surface.lined.sum())
         poor = (
-            "" if lined >= LEAST_LINED else f"only {lined} points on lines; at least {LEAST_LINED} are needed"
+            f"only {lined} points on lines; at least {LEAST_LINED} are needed" if lined < LEAST_LINED else ""
         )
         if not len(self.map):
             return self._begin(prepared, motion, poor)
@@ -134,17 +129,15 @@ class ScanTracker:
         # Wheels may jump after a gap, but not often: a place far from where they put the sensor has to show more.
         far = FAR if guess is None else SURE
         steady = guess is None and self._habit.steady
+        prior = None
+        if guess is not None:  # where wheels lead, and how much they tell
+            prior = start, np.asarray(np.linalg.inv(self._wheel_covariance(guess) / EFFICIENCY))
         match, believable = self._matcher.find(
-            prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess),
-            None if guess is None else self._prior(start, guess),
-        )  # fmt: skip
+            prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess), prior
+        )
         if not believable:
             return self._stray(prepared, motion, guess is not None, match)
         return self._accept(prepared, motion, guess is not None, match)
-
-    def _prior(self, start: FloatArray, motion: FloatArray) -> Prior:
-        """Where wheels lead, and how much they tell, as of `refine`."""
-        return start, np.asarray(np.linalg.inv(self._wheel_covariance(motion) / EFFICIENCY))
 
     def _wheel_covariance(self, motion: FloatArray) -> FloatArray:
         """(3, 3) of where a motion leads that wheels tell of, odometry frame."""
@@ -158,18 +151,6 @@ class ScanTracker:
         if np.hypot(*away[:2]) < RIVAL[0] and abs(away[2]) < RIVAL[1]:
             return None
         return compound(self.pose, self._last)
-
-    def _surface(self, scan: Scan, motion: FloatArray, share: FloatArray) -> Surface:
-        """Surface of a scan as seen from where the sensor was in the middle of its sweep."""
-        if not share.any():
-            return scan_surface(scan, self.noise.value, self.config.max_range, self.offset.value)
-        keep = scan.valid & (np.nan_to_num(scan.ranges, nan=np.inf) <= self.config.max_range)
-        beams = np.flatnonzero(keep)
-        share = share[beams]
-        yaw = scan.angle_min + scan.angle_increment * beams + share * motion[2]
-        ranges = scan.ranges[beams] - self.offset.value
-        points = ranges[:, None] * np.column_stack((np.cos(yaw), np.sin(yaw))) + share[:, None] * motion[:2]
-        return swept_surface(np.ascontiguousarray(points), beams, abs(scan.angle_increment), self.noise.value)
 
     def _begin(self, scan: PreparedScan, motion: FloatArray, poor: str) -> Step:
         """Start a map here: at the first scan, and where the old map is of no use any more."""
@@ -275,9 +256,8 @@ class ScanTracker:
         sure = match.share >= FAR
         reason = "" if sure else f"only {match.share:.0%} of the scan agrees with the map"
         if refined.open_directions:
-            reason = (
-                f"{refined.open_directions} of 3 directions of motion are open: the prediction is kept there"
-            )
+            opened = f"{refined.open_directions} of 3 directions of motion are open"
+            reason = f"{opened}: the prediction is kept there"
         return Step(increment, covariance, sure, reason, match.share, static, drift, noise)
 
     def _owning(self, refined: Refined, surface: Surface) -> Refined:

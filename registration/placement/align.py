@@ -7,6 +7,7 @@ the outcome by what each scan saw through. The text's own methods stay selectabl
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +32,8 @@ REACH = 0.8  # metres around the guess that are searched
 TURN = np.deg2rad(50.0)  # radians around the guess that are searched
 CANDIDATES = 3
 SEARCHED = 64  # points of the source that are searched with
+
+Views = tuple[Agreement, Agreement]
 
 
 def align(
@@ -71,18 +74,10 @@ def align(
     return search(moving, still, start, REACH, TURN)
 
 
-def is_cloud(measurement: Scan | ArrayLike) -> bool:
-    """Whether an argument is spatial: an array (N, 3)."""
-    if isinstance(measurement, Scan):
-        return False
-    shape = np.shape(measurement)
-    return len(shape) == 2 and shape[1] == 3
-
-
 def both_clouds(source: Scan | ArrayLike, target: Scan | ArrayLike) -> bool:
-    """Whether two measurements are spatial. InputError where only one is."""
-    spatial = is_cloud(source)
-    if spatial != is_cloud(target):
+    """Whether two measurements are spatial, (N, 3). InputError where only one is."""
+    spatial, other = (not isinstance(one, Scan) and np.shape(one)[1:] == (3,) for one in (source, target))
+    if spatial != other:
         raise InputError("target: source and target must both be planar or both be clouds (N, 3)")
     return spatial
 
@@ -115,30 +110,41 @@ def search(
 
 def best_of(
     moving: PreparedScan, still: PreparedScan, start: FloatArray, reach: float, turn: float
-) -> tuple[Refined | None, FloatArray, tuple[Agreement, Agreement] | None]:
+) -> tuple[Refined | None, FloatArray, Views | None]:
     """Best of the candidates of `search`, `start` and how the outlines see each other then: not judged yet."""
     found = candidates(
         moving.surface.points, still.surface.points, start, reach, turn, most=CANDIDATES, points=SEARCHED
     )
-    ranked = []
-    for candidate in found:
-        refined = refine(moving.surface, still.target, candidate[1:].copy(), 0.15)
-        views = agreements(moving, still, refined.pose)
-        ranked.append((merit(views), refined, views))
-    if not ranked:
+    refined = (refine(moving.surface, still.target, candidate[1:].copy(), 0.15) for candidate in found)
+    best = ranked(moving, still, refined)
+    if not best:
         return None, start, None
-    _, refined, views = max(ranked, key=lambda entry: entry[0])
-    refined, views = held(moving, still, *settle(moving, still, refined, views), start)
-    return refined, start, views
+    pose, views = held(moving, still, *settle(moving, still, *best[0][1:]), start)
+    return pose, start, views
+
+
+def ranked(
+    moving: PreparedScan, still: PreparedScan, found: Iterable[Refined], against: float = 1.0
+) -> list[tuple[float, Refined, Views]]:
+    """Candidates, how the outlines see each other there, and what speaks for each; the best first.
+
+    That is the agreeing outline less `against` times the contradicting, metres.
+    """
+    judged = []
+    for refined in found:
+        views = agreements(moving, still, refined.pose)
+        merit = sum(view.agreeing - against * view.standing for view in views)
+        judged.append((merit, refined, views))
+    return sorted(judged, key=lambda entry: -entry[0])
 
 
 def held(
     moving: PreparedScan,
     still: PreparedScan,
     refined: Refined,
-    views: tuple[Agreement, Agreement],
+    views: Views,
     start: FloatArray,
-) -> tuple[Refined, tuple[Agreement, Agreement]]:
+) -> tuple[Refined, Views]:
     """Where the lines leave some direction open, at `keep_open`; how the outlines see each other there."""
     if refined.open_directions not in (1, 2):
         return refined, views
@@ -157,7 +163,7 @@ def keep_open(refined: Refined, start: FloatArray) -> FloatArray:
     return pose
 
 
-def agreements(moving: PreparedScan, still: PreparedScan, pose: FloatArray) -> tuple[Agreement, Agreement]:
+def agreements(moving: PreparedScan, still: PreparedScan, pose: FloatArray) -> Views:
     """Each outline judged against the other's."""
     back = inverse(pose)
     return (
@@ -166,14 +172,9 @@ def agreements(moving: PreparedScan, still: PreparedScan, pose: FloatArray) -> t
     )
 
 
-def merit(views: tuple[Agreement, Agreement], against: float = 1.0) -> float:
-    """Agreeing outline less `against` times the contradicting, metres."""
-    return sum(view.agreeing - against * view.standing for view in views)
-
-
 def settle(
-    moving: PreparedScan, still: PreparedScan, refined: Refined, views: tuple[Agreement, Agreement]
-) -> tuple[Refined, tuple[Agreement, Agreement]]:
+    moving: PreparedScan, still: PreparedScan, refined: Refined, views: Views
+) -> tuple[Refined, Views]:
     """Once more without the pieces that moved."""
     dropped = [movers(outline, view) for outline, view in zip((moving, still), views, strict=True)]
     if not (dropped[0].any() or dropped[1].any()):

@@ -27,9 +27,8 @@ from registration.clouds.cloud_registration import (
 from registration.clouds.feature_matching import match_features
 from registration.laser.prepared import PreparedScan, prepare
 from registration.laser.scan import Scan
-from registration.placement.align import agreements, both_clouds, held, merit, settle
+from registration.placement.align import Views, both_clouds, held, ranked, settle
 from registration.placement.classic import icp
-from registration.placement.consistency import Agreement
 from registration.placement.correlative import candidates
 from registration.placement.histograms import histogram_candidates
 from registration.placement.judgement import GUESS_SIGMA, Asked, judged
@@ -100,21 +99,17 @@ def _outlines(
     found: Callable[[PreparedScan, PreparedScan], Iterator[Refined]],
 ) -> Registration:
     start = np.zeros(3)
-    ranked: list[tuple[float, Refined, tuple[Agreement, Agreement]]] = []
-    for refined in found(moving, still):
-        views = agreements(moving, still, refined.pose)
-        ranked.append((merit(views, AGAINST), refined, views))
-    if not ranked:
+    placed = ranked(moving, still, found(moving, still), AGAINST)
+    if not placed:
         return judged(moving, still, None, start, None)
-    ranked.sort(key=lambda entry: -entry[0])
-    best, refined, views = ranked[0]
-    refined, views = held(moving, still, *settle(moving, still, refined, views), start)
+    best = placed[0][0]
+    refined, views = held(moving, still, *settle(moving, still, *placed[0][1:]), start)
     outcome = judged(moving, still, refined, start, views, ASKED)
     if not outcome.converged:
         return outcome
     if refined.open_directions:
         return _refused(outcome, outcome.reason + " and there is no guess")
-    for score, rival, views in ranked[1:]:
+    for score, rival, views in placed[1:]:
         away = between(refined.pose, rival.pose)
         if np.hypot(*away[:2]) < 0.3 and abs(away[2]) < 0.15:
             continue
@@ -125,8 +120,8 @@ def _outlines(
     return outcome
 
 
-def _undisputed(views: tuple[Agreement, Agreement]) -> bool:
-    agreeing, standing = (sum(getattr(view, what) for view in views) for what in ("agreeing", "standing"))
+def _undisputed(views: Views) -> bool:
+    agreeing, standing = sum(view.agreeing for view in views), sum(view.standing for view in views)
     return bool(agreeing > UNDISPUTED * (agreeing + standing))
 
 

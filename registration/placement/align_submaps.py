@@ -16,9 +16,9 @@ from numba import njit
 from estimation.checks import FloatArray
 from estimation.geometry.poses import between, inverse
 from registration.laser.submap import Submap
-from registration.placement.consistency import Agreement, judge
+from registration.placement.consistency import judge
 from registration.placement.correlative import candidates
-from registration.placement.refine import Refined, refine
+from registration.placement.refine import refine
 
 MOST = 4  # placements
 SEARCHED = 220  # points of the source the search looks at
@@ -94,32 +94,12 @@ def align_submaps(
 def place(source: Submap, target: Submap, start: FloatArray, doubt: float) -> Placement:
     """The placement that refinement from `start` (3,) leads to."""
     refined = refine(source.surface, target.target, start.copy(), doubt, NOISE)
-    forth = judge(source, target, refined.pose)
-    back = judge(target, source, inverse(refined.pose))
-    return _placement(refined, forth, back)
-
-
-def ambiguous(placements: list[Placement]) -> bool:
-    """Whether another placement does nearly as well as the first."""
-    return len(placements) > 1 and placements[1].merit > RIVAL * placements[0].merit
-
-
-def apart(a: FloatArray, b: FloatArray) -> bool:
-    """Whether two poses (3,) are different placements."""
-    away = between(a, b)
-    return bool(np.hypot(*away[:2]) > APART[0] or abs(away[2]) > APART[1])
-
-
-def _placement(refined: Refined, forth: Agreement, back: Agreement) -> Placement:
-    agreeing = min(forth.agreeing, back.agreeing)
-    both = forth.agreeing + back.agreeing
-    fitness = both / max(both + forth.standing + back.standing, 1e-9)
-    overlap = max(
-        verdict.agreeing / max(verdict.agreeing + verdict.standing + verdict.unknown, 1e-9)
-        for verdict in (forth, back)
-    )
-    covariance = _covariance(refined)
-    merit = both - 2.0 * (forth.standing + back.standing)
+    views = judge(source, target, refined.pose), judge(target, source, inverse(refined.pose))
+    agreeing, both = min(view.agreeing for view in views), sum(view.agreeing for view in views)
+    standing = sum(view.standing for view in views)
+    fitness, overlap = both / max(both + standing, 1e-9), max(view.share for view in views)
+    covariance = np.linalg.inv(refined.information / CORRELATED + np.diag(FREE**-2.0)) + np.diag(FLOOR**2)
+    covariance = 0.5 * (covariance + covariance.T)
     reason = ""
     if refined.open_directions:
         reason = f"{refined.open_directions} of 3 directions are unconstrained"
@@ -131,15 +111,21 @@ def _placement(refined: Refined, forth: Agreement, back: Agreement) -> Placement
         reason = f"too little overlap: {agreeing:.1f} m of contour ({overlap:.0%})"
     elif fitness < LEAST_FITNESS:
         reason = f"only {fitness:.0%} of the overlap agrees"
+    merit = both - 2.0 * standing
     return Placement(
         refined.pose, covariance, fitness, overlap, agreeing, merit, refined.open_directions, reason
     )
 
 
-def _covariance(refined: Refined) -> FloatArray:
-    information = refined.information / CORRELATED + np.diag(FREE**-2.0)
-    covariance = np.linalg.inv(information) + np.diag(FLOOR**2)
-    return np.asarray(0.5 * (covariance + covariance.T))
+def ambiguous(placements: list[Placement]) -> bool:
+    """Whether another placement does nearly as well as the first."""
+    return len(placements) > 1 and placements[1].merit > RIVAL * placements[0].merit
+
+
+def apart(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two poses (3,) are different placements."""
+    away = between(a, b)
+    return bool(np.hypot(*away[:2]) > APART[0] or abs(away[2]) > APART[1])
 
 
 @njit(cache=True)

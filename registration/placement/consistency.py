@@ -16,37 +16,30 @@ from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
 from estimation.geometry.sight import THROUGH, look
-from registration.laser.buckets import any_near
 from registration.laser.local_map import SPACING
 from registration.laser.prepared import ScanView
 from registration.laser.submap import CELL, Submap
 from registration.laser.surface import Surface
-from registration.laser.target_lines import TargetLines
+from registration.laser.target_lines import TargetLines, any_near
 
 DOUBT = 0.04  # metres, standard deviation of a point of one scan in the frame of another laid on it
 
 
 @njit(cache=True)
 def _weigh(  # type: ignore[no-untyped-def]
-    points, spacing, lengths, pose, target, heads, following, ranges, angle_min, step, near, labels
+    points, spacing, pose, target, heads, following, ranges, angle_min, step, near, labels
 ):
-    """Metres of outline that agree, that stand in seen space, and that cannot be judged."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    agreeing = standing = unknown = 0.0
     for k in range(len(points)):
         x = pose[0] + c * points[k, 0] - s * points[k, 1]
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
         reach = max(near, min(0.75 * spacing[k], 0.4))
         if any_near(x, y, reach, target, heads, following):
-            agreeing += lengths[k]
             labels[k] = 0
         elif look(x, y, DOUBT, ranges, angle_min, step) == THROUGH:
-            standing += lengths[k]
             labels[k] = 1
         else:
-            unknown += lengths[k]
             labels[k] = -1
-    return agreeing, standing, unknown
 
 
 @dataclass(frozen=True)
@@ -63,9 +56,8 @@ class Agreement:
 
     @property
     def share(self) -> float:
-        """Agreeing share of what can be judged, 0 where nothing can."""
-        judged = self.agreeing + self.standing
-        return self.agreeing / judged if judged > 0.0 else 0.0
+        """Agreeing share of the outline, judged or not."""
+        return self.agreeing / max(self.agreeing + self.standing + self.unknown, 1e-9)
 
 
 def weigh(
@@ -76,10 +68,11 @@ def weigh(
     near : metres between points that agree.
     """
     labels = np.empty(len(source), dtype=np.int64)
-    agreeing, standing, unknown = _weigh(
-        source.points, source.spacing, source.length, pose, target.points, target.heads, target.following,
-        seen.ranges, seen.angle_min, seen.step, near, labels,
+    _weigh(
+        source.points, source.spacing, pose, target.points, target.heads, target.following, seen.ranges,
+        seen.angle_min, seen.step, near, labels,
     )  # fmt: skip
+    unknown, agreeing, standing = np.bincount(labels + 1, source.length, 3).tolist()
     return Agreement(agreeing, standing, unknown, labels)
 
 

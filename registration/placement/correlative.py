@@ -23,13 +23,13 @@ SLOPE = np.array([16, 10, 3], dtype=np.uint8)  # by distance in cells
 
 
 @njit(cache=True)
-def _rasters(points, origin, cell, width, height, levels):  # type: ignore[no-untyped-def]
+def _rasters(points, origin, width, height, levels):  # type: ignore[no-untyped-def]
     """Score of each cell, and for level l the maximum over the 2^l cells to the right and above; flattened."""
     rasters = np.zeros((levels + 1, height, width), dtype=np.uint8)
     finest = rasters[0]
     for k in range(len(points)):
-        i = math.floor((points[k, 0] - origin[0]) / cell)
-        j = math.floor((points[k, 1] - origin[1]) / cell)
+        i = math.floor((points[k, 0] - origin[0]) / CELL)
+        j = math.floor((points[k, 1] - origin[1]) / CELL)
         for b in range(max(j - 2, 0), min(j + 3, height)):
             for a in range(max(i - 2, 0), min(i + 3, width)):
                 finest[b, a] = max(finest[b, a], SLOPE[max(abs(a - i), abs(b - j))])
@@ -107,15 +107,15 @@ def _descend(rasters, cells, count, width, level, i, j, bound, least):  # type: 
 
 
 @njit(cache=True)
-def _project(points, origin, cell, width, height, margin, x0, y0, turn, cells):  # type: ignore[no-untyped-def]
+def _project(points, origin, width, height, margin, x0, y0, turn, cells):  # type: ignore[no-untyped-def]
     """Raster cells of the turned points that stay inside for every translation; returns how many."""
     c, s = math.cos(turn), math.sin(turn)
     count = 0
     for k in range(len(points)):
         x = x0 + c * points[k, 0] - s * points[k, 1]
         y = y0 + s * points[k, 0] + c * points[k, 1]
-        i = math.floor((x - origin[0]) / cell)
-        j = math.floor((y - origin[1]) / cell)
+        i = math.floor((x - origin[0]) / CELL)
+        j = math.floor((y - origin[1]) / CELL)
         if margin <= i < width - margin and margin <= j < height - margin:
             cells[count] = j * width + i
             count += 1
@@ -123,7 +123,7 @@ def _project(points, origin, cell, width, height, margin, x0, y0, turn, cells): 
 
 
 @njit(cache=True)
-def _search(points, rasters, width, height, origin, cell, centre, half, turns, keep, most):  # type: ignore[no-untyped-def]
+def _search(points, rasters, width, height, origin, centre, half, turns, keep, most):  # type: ignore[no-untyped-def]
     """Best pose of each promising block: rows of score, x, y, yaw, unordered."""
     levels = len(rasters) - 1
     size = 1 << levels
@@ -134,9 +134,7 @@ def _search(points, rasters, width, height, origin, cell, centre, half, turns, k
     bounds = np.empty(len(turns) * blocks * blocks, dtype=np.int64)
     at = 0
     for t in range(len(turns)):
-        counts[t] = _project(
-            points, origin, cell, width, height, margin, centre[0], centre[1], turns[t], cells[t]
-        )
+        counts[t] = _project(points, origin, width, height, margin, centre[0], centre[1], turns[t], cells[t])
         for u in range(blocks):
             for v in range(blocks):
                 shift = (v * size - half) * width + u * size - half
@@ -157,7 +155,7 @@ def _search(points, rasters, width, height, origin, cell, centre, half, turns, k
         score, x, y = _descend(rasters, cells[t], counts[t], width, levels, i, j, bounds[b], least)
         if score > least:
             found[count, 0], found[count, 3] = score, turns[t]
-            found[count, 1], found[count, 2] = centre[0] + x * cell, centre[1] + y * cell
+            found[count, 1], found[count, 2] = centre[0] + x * CELL, centre[1] + y * CELL
             count += 1
             best = max(best, score)
     return found[:count]
@@ -210,13 +208,7 @@ def thinned(points, count):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _candidates(source, target, centre, reach, turn, levels, keep, most, count):  # type: ignore[no-untyped-def]
-    cell = CELL
-    thin = thinned(source, count)
-    far = np.empty(len(thin))
-    for k in range(len(thin)):
-        far[k] = math.hypot(thin[k, 0], thin[k, 1])
-    arm = max(np.median(far), 0.5)
-    half = math.ceil(reach / cell)
+    half = math.ceil(reach / CELL)
     margin = half + 2 * (1 << levels) + 3
     low, high = np.full(2, math.inf), np.full(2, -math.inf)
     near = np.empty((len(target), 2))
@@ -227,18 +219,23 @@ def _candidates(source, target, centre, reach, turn, levels, keep, most, count):
                 near[kept, a] = target[k, a]
                 low[a], high[a] = min(low[a], target[k, a]), max(high[a], target[k, a])
             kept += 1
-    if kept < 5:
+    if len(source) < 5 or kept < 5:
         return np.zeros((0, 4))
-    origin = low - margin * cell
-    width = int((high[0] - origin[0]) / cell) + margin + 1
-    height = int((high[1] - origin[1]) / cell) + margin + 1
-    rasters = _rasters(near[:kept], origin, cell, width, height, levels)
-    step = min(max(1.5 * cell / arm, math.radians(1.0)), math.radians(4.0))
+    thin = thinned(source, count)
+    far = np.empty(len(thin))
+    for k in range(len(thin)):
+        far[k] = math.hypot(thin[k, 0], thin[k, 1])
+    arm = max(np.median(far), 0.5)
+    origin = low - margin * CELL
+    width = int((high[0] - origin[0]) / CELL) + margin + 1
+    height = int((high[1] - origin[1]) / CELL) + margin + 1
+    rasters = _rasters(near[:kept], origin, width, height, levels)
+    step = min(max(1.5 * CELL / arm, math.radians(1.0)), math.radians(4.0))
     sides = math.ceil(turn / step)
     turns = np.empty(2 * sides + 1)
     for t in range(2 * sides + 1):
         turns[t] = centre[2] + (t - sides) * turn / max(sides, 1)
-    found = _search(thin, rasters, width, height, origin, cell, centre, half, turns, keep, 400)
+    found = _search(thin, rasters, width, height, origin, centre, half, turns, keep, 400)
     chosen = _separate(found, 0.3, math.radians(8.0), most)
     for k in range(len(chosen)):
         chosen[k, 0] /= PEAK * len(thin)
@@ -266,6 +263,4 @@ def candidates(
     -------
     (K, 4) : score in [0, 1], x, y, yaw; best first, K <= most, apart by 0.3 m or 8 degrees at least.
     """
-    if len(source) < 5 or len(target) < 5:
-        return np.zeros((0, 4))
     return np.asarray(_candidates(source, target, centre, reach, turn, levels, keep, most, points))

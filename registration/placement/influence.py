@@ -16,7 +16,7 @@ from numba import njit
 from estimation.checks import FloatArray
 from registration.laser.surface import Surface
 from registration.laser.target_lines import TargetLines
-from registration.placement.refine import ARM, FLOOR, TUKEY, Refined, off_line
+from registration.placement.refine import ARM, TUKEY, Refined, determined, off_line, quadratic
 
 SMALL = 2.0  # metres of connected outline that something that moves may have
 BODY = 0.5  # metres between the middles of small pieces that may be of one body, as two legs are
@@ -64,25 +64,12 @@ def _carried(points, pieces, length, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _along(M, vectors, a):  # type: ignore[no-untyped-def]
-    """`v @ M @ v` of column `a` of `vectors`, in scalars: a library call takes longer than nine products."""
-    value = 0.0
-    for b in range(3):
-        for d in range(3):
-            value += vectors[b, a] * M[b, d] * vectors[d, a]
-    return value
-
-
-@njit(cache=True)
 def _variance(H, slack, variance, prior):  # type: ignore[no-untyped-def]
     """Covariance (3, 3) of what `H` determines, with the variance `prior` for what it leaves open."""
-    values, vectors = np.linalg.eigh((H - slack) / variance)
+    values, vectors, closed = determined(H, slack, variance)
     covariance = np.zeros((3, 3))
     for a in range(3):
-        false = _along(slack, vectors, a) / variance
-        spread = prior
-        if values[a] > max(FLOOR, 2.0 * false):
-            spread = 1.0 / (values[a] + 1.0 / prior)
+        spread = 1.0 / (values[a] + 1.0 / prior) if closed[a] else prior
         for b in range(3):
             for d in range(3):
                 covariance[b, d] += spread * vectors[b, a] * vectors[d, a]
@@ -110,7 +97,7 @@ def _worst(H, slack, g, small, middles, variance, prior, added):  # type: ignore
     along = np.empty((len(H), 3))  # share of each piece in what is known along each direction
     for p in range(len(H)):
         for a in range(3):
-            along[p, a] = _along(H[p], vectors, a) / max(values[a], 1e-9)
+            along[p, a] = quadratic(H[p], vectors, a) / max(values[a], 1e-9)
     whole = _variance(total, noise, variance, prior)
     others, blur, force = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     body, share = np.empty(len(H), np.bool_), np.empty(3)
@@ -142,7 +129,7 @@ def _worst(H, slack, g, small, middles, variance, prior, added):  # type: ignore
                 doubt[a, b] += shift[a] * shift[b]
         grown = 0.0
         for a in range(3):
-            grown = max(grown, _along(doubt, vectors, a) / _along(whole, vectors, a))
+            grown = max(grown, quadratic(doubt, vectors, a) / quadratic(whole, vectors, a))
         if grown > GROWTH and np.trace(doubt) > np.trace(added):
             added[:] = doubt
 

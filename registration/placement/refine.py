@@ -17,9 +17,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
-from registration.laser.buckets import nearest
 from registration.laser.surface import Surface
-from registration.laser.target_lines import TargetLines
+from registration.laser.target_lines import TargetLines, nearest
 
 TUKEY = 4.685  # 95 % efficiency at the normal distribution
 KERNEL = 0.012  # metres, noise the kernel narrows to
@@ -134,29 +133,39 @@ def _normal_equations(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _open(H, slack, variance, arm):  # type: ignore[no-untyped-def]
-    """Eigenvectors of the debiased information in units of metres (yaw times `arm`), and which are open."""
-    scaled, noise = H.copy(), slack.copy()
+def quadratic(M, vectors, a):  # type: ignore[no-untyped-def]
+    """`v @ M @ v` of column `a` of `vectors`, in scalars: a library call takes longer than nine products."""
+    value = 0.0
+    for b in range(3):
+        for d in range(3):
+            value += vectors[b, a] * M[b, d] * vectors[d, a]
+    return value
+
+
+@njit(cache=True)
+def _scaled(M, by):  # type: ignore[no-untyped-def]
+    """A matrix (3, 3) of x, y, yaw, yaw in units of `by` metres."""
+    out = M.copy()
     for a in range(3):
-        scaled[a, 2] /= arm
-        scaled[2, a] /= arm
-        noise[a, 2] /= arm
-        noise[2, a] /= arm
-    values, vectors = np.linalg.eigh((scaled - noise) / variance)
+        out[a, 2] /= by
+        out[2, a] /= by
+    return out
+
+
+@njit(cache=True)
+def determined(H, slack, variance):  # type: ignore[no-untyped-def]
+    """Values and vectors of the debiased information, in units of metres, and which directions lines determine."""
+    values, vectors = np.linalg.eigh((H - slack) / variance)
     closed = np.zeros(3, dtype=np.bool_)
     for a in range(3):
-        false = 0.0
-        for b in range(3):
-            for d in range(3):
-                false += vectors[b, a] * noise[b, d] * vectors[d, a] / variance
-        closed[a] = values[a] > max(FLOOR, 2.0 * false)
+        closed[a] = values[a] > max(FLOOR, 2.0 * quadratic(slack, vectors, a) / variance)
     return values, vectors, closed
 
 
 @njit(cache=True)
 def _newton(H, slack, g, variance, arm, information, step):  # type: ignore[no-untyped-def]
     """Step in the directions the lines determine; writes information and step, returns how many stay open."""
-    values, vectors, closed = _open(H, slack, variance, arm)
+    values, vectors, closed = determined(_scaled(H, arm), _scaled(slack, arm), variance)
     information[:, :] = 0.0
     step[:] = 0.0
     opened = 0
@@ -181,9 +190,7 @@ def _newton(H, slack, g, variance, arm, information, step):  # type: ignore[no-u
 def _hold(information, step, away, prior):  # type: ignore[no-untyped-def]
     """Write the step that lines and a prior make together; `away` : (3,) of the pose from where it is expected."""
     away[2] = math.atan2(math.sin(away[2]), math.cos(away[2]))
-    held = np.linalg.solve(information + prior, information @ step - prior @ away)
-    for a in range(3):
-        step[a] = held[a]
+    step[:] = np.linalg.solve(information + prior, information @ step - prior @ away)
 
 
 @njit(cache=True)
@@ -212,11 +219,7 @@ def _straighten(information, arm, target_normals, target_tilt, matched):  # type
     Every line counted alike, the noise of short ones turns the direction by milliradians, and half a metre along
     it becomes an error across that nobody expects.
     """
-    scaled = information.copy()
-    for a in range(3):
-        scaled[a, 2] /= arm
-        scaled[2, a] /= arm
-    _, vectors = np.linalg.eigh(scaled)
+    _, vectors = np.linalg.eigh(_scaled(information, arm))
     xx = xy = yy = 0.0
     for m in matched:
         if m >= 0:
@@ -227,14 +230,8 @@ def _straighten(information, arm, target_normals, target_tilt, matched):  # type
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
     free = np.array([-math.sin(angle), math.cos(angle), 0.0])
     if abs(free @ vectors[:, 0]) > 0.99:
-        keep = np.eye(3)
-        for a in range(3):
-            for b in range(3):
-                keep[a, b] -= free[a] * free[b]
-        kept = keep @ information @ keep
-        for a in range(3):
-            for b in range(3):
-                information[a, b] = kept[a, b]
+        keep = np.eye(3) - np.outer(free, free)
+        information[:] = keep @ information @ keep
 
 
 @njit(cache=True)

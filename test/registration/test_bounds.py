@@ -51,5 +51,5 @@ def test_a_guess_that_is_no_motion_is_refused() -> None:
 @pytest.mark.parametrize("x", [-1e19, -5.0, 1e19, np.nan])
 def test_beams_beside_the_grid_mark_nothing(x: float) -> None:
     seen = np.zeros((10, 10), dtype=np.bool_)
-    _see(seen, np.zeros(2), 0.1, np.array([x, 0.0, 0.0]), np.ones(3), 0.0, 0.1, 0.9, 0.1)
+    _see(seen, np.zeros(2), np.array([x, 0.0, 0.0]), np.ones(3), 0.0, 0.1)
     assert not seen.any()

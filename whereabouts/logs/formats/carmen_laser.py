@@ -166,7 +166,7 @@ def parse_flaser(fields: Sequence[bytes], max_range: float | None) -> LaserLine:
     stamp = numbers(fields[count + 8 : count + 9], "a stamp")[0]
     limit = DEFAULT_MAX_RANGE if max_range is None else max_range
     angle_min, increment = beam_angles(count)
-    scan = Scan(ranges, angle_min, increment, range_max=limit, stamp=stamp)
+    scan = Scan(np.array(ranges), angle_min, increment, range_max=limit, stamp=stamp)
     return LaserLine(scan, np.array(poses[:3]), np.array(poses[3:6]), stamp)
 
 
@@ -200,5 +200,5 @@ def parse_robotlaser(
     increment = head[3] if head[3] > 0.0 else beam_angles(count)[1]
     stated = usable_range(head[4]) if max_range is None else max_range
     limit = DEFAULT_MAX_RANGE if stated is None else stated
-    scan = Scan(ranges, head[1], increment, range_max=limit, stamp=stamp)
+    scan = Scan(np.array(ranges), head[1], increment, range_max=limit, stamp=stamp)
     return LaserLine(scan, np.array(poses[:3]), np.array(poses[3:6]), stamp)
