@@ -7,10 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimation.geometry.poses import compound
+from estimation.geometry.poses import between, compound
 from estimation.metrics.statistics import relations_error
+from evaluation.experiments.odometry import noisy
+from evaluation.slam import slam_shaken
 from evaluation.slam.slam_judging import (
     CLOSE,
+    Followed,
     false_closures,
     jitter,
     largest_miss,
@@ -21,6 +24,8 @@ from evaluation.slam.slam_judging import (
     true_poses,
     with_scale,
 )
+from registration import Scan
+from whereabouts.logs import ScanRecord
 
 # Along a corridor of 40 m and back, a pose every half metre.
 OUT = np.column_stack((np.arange(0.0, 40.0, 0.5), np.zeros(80), np.zeros(80)))
@@ -93,3 +98,26 @@ def test_scans_without_a_true_pose_take_that_of_the_nearest_moved_by_odometry() 
     odometry = np.array([compound(np.array([3.0, -2.0, 0.7]), pose) for pose in TRUTH])
     log = SimpleNamespace(truth=truth, poses=odometry)
     assert true_poses(log, [0, 4, 37, 76, 84, 159]) == pytest.approx(TRUTH[[0, 4, 37, 76, 84, 159]])
+
+
+def test_a_shaken_log_keeps_what_is_not_shaken() -> None:
+    rng = np.random.default_rng(0)
+    scans = [Scan(np.full(8, 2.0 + 0.01 * k), -1.0, 0.25, stamp=float(k)) for k in range(400)]
+    records = [ScanRecord(scan, scan.stamp, pose=TRUTH[0]) for scan in scans]
+    stamps = [record.stamp for record in records]
+    kept = [record.stamp for record in slam_shaken.dropped(records, rng)]
+    assert set(kept) < set(stamps)
+    assert len(kept) == pytest.approx(360, abs=25)
+    twice = [record.stamp for record in slam_shaken.doubled(records, rng)]
+    assert twice == sorted(twice)
+    assert set(twice) == set(stamps)
+    assert len(twice) == pytest.approx(440, abs=25)
+    off = np.array([record.stamp for record in slam_shaken.shaken_stamps(records, rng)]) - stamps
+    assert 0.004 < np.abs(off).max() <= 0.005
+    shaken = noisy(records, rng, 0.01)
+    change = np.array([a.scan.ranges - b.scan.ranges for a, b in zip(shaken, records, strict=True)])
+    assert change.std() == pytest.approx(0.01, rel=0.1)
+    log = Followed(records[:160], TRUTH.copy(), np.zeros((160, 3, 3)), TRUTH, 0.0)
+    drifted = slam_shaken.noisy_odometry(log, 0.01, rng).poses
+    steps = between(drifted[:-1], drifted[1:]) - between(TRUTH[:-1], TRUTH[1:])
+    assert steps[:, :2].std() == pytest.approx(0.01, rel=0.2)

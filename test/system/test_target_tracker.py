@@ -13,7 +13,8 @@ from estimation.geometry.poses import between, compound
 from estimation.metrics.statistics import ospa
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.simulation import Drive, Lidar, joined
-from whereabouts.simulation.people import Build, SimulatedWalker, positions, seen
+from whereabouts.simulation.movers import outlines
+from whereabouts.simulation.people import Build, SimulatedWalker, positions
 from whereabouts_msgs.msg import Processed, TargetArray
 from whereabouts_msgs.srv import Reset
 
@@ -44,7 +45,7 @@ class TrackedScene:
 
     def go(self, start: float, end: float) -> None:
         for time in np.arange(start, end, 0.1):
-            shapes = joined([self.world, seen(self.people, float(time))])
+            shapes = joined([self.world, outlines(self.people, float(time))])
             scan = LIDAR.scan(shapes, self.drive(float(time)), self.rng, float(time)).scan
             message = scan_message(scan)
             before = len(self.registered)
@@ -81,7 +82,7 @@ def test_people_are_tracked_through_both_nodes(graph: Graph) -> None:
     graph.start("scan_registration")
     graph.start("target_tracker", transform_timeout=10.0)
     graph.mount()
-    first = LIDAR.scan(joined([scene.world, seen(scene.people, 0.0)]), scene.drive(0.0), scene.rng).scan
+    first = LIDAR.scan(joined([scene.world, outlines(scene.people, 0.0)]), scene.drive(0.0), scene.rng).scan
     graph.introduce(scan_message(first), lambda: scene.targets, "scan_registration", "target_tracker")
     scene.targets.clear()
     scene.go(0.0, 7.0)
@@ -121,7 +122,7 @@ def test_reset_forgets_and_bad_input_is_survived(graph: Graph) -> None:
         for time in np.arange(start, start + 3.9, 0.1):
             # The robot stands, and says so itself: tracking needs no scan_registration.
             still_there(graph, float(time))
-            shapes = joined([scene.world, seen(scene.people, float(time))])
+            shapes = joined([scene.world, outlines(scene.people, float(time))])
             scan = LIDAR.scan(shapes, scene.drive(0.0), scene.rng, float(time)).scan
             scene.send(scan_message(scan))
         graph.until(lambda: scene.targets and scene.targets[-1].targets, "people are found")
@@ -150,7 +151,7 @@ def test_reset_forgets_and_bad_input_is_survived(graph: Graph) -> None:
         "the pose is taken",
     )
     still_there(graph, 7.9)
-    shapes = joined([scene.world, seen(scene.people, 7.9)])
+    shapes = joined([scene.world, outlines(scene.people, 7.9)])
     scene.send(scan_message(LIDAR.scan(shapes, scene.drive(0.0), scene.rng, 7.9).scan))
     graph.until(lambda: scene.targets[-1].header.stamp == pose.header.stamp, "people after the pose")
     for target in scene.targets[-1].targets:
