@@ -131,10 +131,7 @@ class Anchors:
 
     def class_name(self, slot: int) -> str:
         """The most probable class of a leaf, "" where there are none."""
-        classes = self.vocabulary.classes
-        if not classes:
-            return ""
-        return self.vocabulary.values["class"][int(self.leaves.attributes[slot, :classes].argmax())]
+        return self.vocabulary.values["class"][self.motion_row(slot)] if self.vocabulary.classes else ""
 
     def resting(self, numbers: Iterable[int]) -> dict[int, int]:
         """Those of these objects that rest, and their leaves in the most probable world."""

@@ -176,9 +176,9 @@ class Association:
             of[j] = number
         return numbers.tolist()
 
-    def _track(self, number: int, look: Look, j: int) -> Track:
-        late = float(self.anchors.unseen.late[j])
-        return Track(number, number, born=float(look.born[j]), late=late, unwatched=float(look.gap[j]))
+    @staticmethod
+    def _track(number: int, look: Look, j: int) -> Track:
+        return Track(number, number, born=float(look.born[j]), unwatched=float(look.gap[j]))
 
     def _expect_company(self, look: Look, which: IntArray) -> None:
         """Far more unexplained detections than clutter ever makes are new objects that came together."""

@@ -81,7 +81,7 @@ class Beliefs:
             return
         if not track.recognised:
             track.recognised = True
-            anchors.unseen.count_found(track.late)
+            anchors.unseen.found += 1
             anchors.fresh.append(track.number)
             return
         if track.id is None:
@@ -139,7 +139,7 @@ class Beliefs:
 
     def _name(self, slot: int) -> str:
         anchors = self.anchors
-        name = anchors.class_name(slot) if anchors.vocabulary.classes else "object"
+        name = anchors.class_name(slot) or "object"
         taken = {track.id for track in anchors.tracks.values()} if anchors.names[name] == 0 else ()
         while True:
             anchors.names[name] += 1

@@ -25,9 +25,7 @@ ENOUGH = 50  # detections that show where a detector reports anything at all
 
 
 class Unseen:
-    """Expected undetected objects per cell (nx, ny), of those that were there at first and of those that arrived since,
-    and when each cell was last looked at (s). late (M,) : probability of each detection of the last look, if it is of
-    such an object, that this came later."""
+    """Expected undetected objects per cell (nx, ny), and when each cell was last looked at (s)."""
 
     def __init__(self, config: WorldModelConfig) -> None:
         self.region = np.array(config.region, dtype=float)
@@ -47,15 +45,13 @@ class Unseen:
         """As before the first look."""
         shape = self.centres.shape[:2]
         self.expected: FloatArray = np.full(shape, self.config.initial_objects / (shape[0] * shape[1]))
-        self.arrived: FloatArray = np.zeros(shape)
-        self.late: FloatArray = np.zeros(0)
         self.looked: FloatArray = np.full(shape, -np.inf)
         self.stamp: float | None = None
         self.box: FloatArray | None = None
         self.volume = 1.0
         self.count = 0
-        self.found: FloatArray = np.zeros(2)
-        self.exposure: FloatArray = np.zeros(2)
+        self.found = 0
+        self.exposure = 0.0
         self.awaited = 0.0
 
     def _grow_box(self, positions: FloatArray, spread: FloatArray) -> None:
@@ -90,8 +86,7 @@ class Unseen:
         self._grow_box(positions, spread)
         arrivals = config.new_objects_per_second * elapsed / self.expected.size
         left = np.exp(-config.removed_per_second * elapsed)
-        self.expected = self.expected * left
-        self.arrived = self.arrived * left + arrivals
+        self.expected = self.expected * left + arrivals
         height = float(self.region[2, 1] - self.region[2, 0])
         area = float(np.prod(self.size))
         surface = area * self.expected.size
@@ -107,19 +102,14 @@ class Unseen:
         volume = max(min(surface, seen) if seen > 0.0 else surface, area) * height
         cells = self.cells(positions)
         scale = self.scale
-        early, late = scale[0] * self.expected[cells], scale[1] * self.arrived[cells]
-        density = (early + late) / (area * height)
-        self.late = late / np.maximum(early + late, 1e-300)
+        density = scale * self.expected[cells] / (area * height)
         gap = np.maximum(stamp - self.looked[cells], elapsed)
         self.volume = area * self.expected.size * height
-        seen_here = [float((shares * grid).sum()) for grid in (self.expected, self.arrived)]
-        awaited = config.detection_probability * np.array(seen_here)
-        self.awaited = float(scale @ awaited)
+        awaited = config.detection_probability * float((shares * self.expected).sum())
+        self.awaited = scale * awaited
         if not silent:
             self.exposure += awaited
-            missed = 1.0 - config.detection_probability * shares
-            self.expected *= missed
-            self.arrived *= missed
+            self.expected *= 1.0 - config.detection_probability * shares
             self.looked[shares > 0.5] = stamp
         return density, gap, config.clutter_per_frame / volume
 
@@ -132,15 +122,9 @@ class Unseen:
             shares[cells] *= view.cells(self.centres[cells], heights, self._small)
 
     @property
-    def scale(self) -> FloatArray:
-        """How many times more objects were found than expected of those that were there at first, and of those that
-        came: Gamma priors on their densities, of weight 1, (2,)."""
-        result: FloatArray = np.maximum((1.0 + self.found) / (1.0 + self.exposure), 1.0)
-        return result
-
-    def count_found(self, late: float) -> None:
-        """One object more is believed in, which came later with probability `late`."""
-        self.found += (1.0 - late, late)
+    def scale(self) -> float:
+        """How many times more objects were found than expected: a Gamma prior on their density, of weight 1."""
+        return max((1.0 + self.found) / (1.0 + self.exposure), 1.0)
 
     def cells(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Indices of the cells of positions (M, 3), the nearest where outside."""

@@ -50,14 +50,14 @@ class Household:
         self.problem = ""
         self._rooms = {
             place.name: room.name
-            for place in places
-            if place.kind == "furniture" and (room := places.room_of(place.polygon.mean(0))) is not None
+            for place in places.furniture
+            if (room := places.room_of(place.polygon.mean(0))) is not None
         }
         self.smallest = min((place.area for place in places), default=math.inf)  # m²
         self._begin()
         if path is not None and path.exists():
             self._read(path)
-        self._furniture = [place.name for place in places if place.kind == "furniture"]
+        self._furniture = [place.name for place in places.furniture]
         self.routines.know(self._furniture)
 
     def _begin(self) -> None:
@@ -301,7 +301,7 @@ class ByNow:
         household: Household,
     ) -> None:
         self.config, self.where, self.household = config, where, household
-        self._furniture = {place.name for place in household.places if place.kind == "furniture"}
+        self._furniture = {place.name for place in household.places.furniture}
 
     def told(self, objects: Iterable[WorldObject], stamp: float) -> tuple[WorldObject, ...]:
         """What is lost, or was not seen for a while, is probably where it usually is by then."""

@@ -40,14 +40,6 @@ def later(P, Q, seconds, into):
 
 
 @njit(cache=True)
-def _grow(P, Q, step, count):
-    """P + Q step count, in place (3, 3)."""
-    for i in range(3):
-        for j in range(3):
-            P[i, j] += Q[i, j] * step * count
-
-
-@njit(cache=True)
 def _look(P, R, S, half):
     """One measurement of covariance R: P becomes R (P + R)⁻¹ P, in place. S, half : (3, 3) to work in."""
     a, b, c = P[0, 0] + R[0, 0], P[0, 1] + R[0, 1], P[0, 2] + R[0, 2]
@@ -99,13 +91,13 @@ def path_gain(own, path, positions, P, Q, R, low, high, opening, step, anticipat
                 off = math.atan2(dy, dx) - path[k, 2]
                 if abs(math.atan2(math.sin(off), math.cos(off))) > 0.5 * opening:
                     continue
-            _grow(now, Q[n], step, k - before)
+            later(now, Q[n], step * (k - before), now)
             _look(now, R[n], S, half)
             count, before = count + 1, k
         if count == 0:
             continue
         seen += 1
-        _grow(now, Q[n], step, last - before)
+        later(now, Q[n], step * (last - before), now)
         later(P[n], Q[n], step * last, half)
         unseen = _log_det(half)
         reference = anticipation * unseen + (1.0 - anticipation) * _log_det(P[n])

@@ -193,7 +193,7 @@ class ObjectSearch:
         self.relations = relations
         self.config = config or SearchConfig()
         self.places = places
-        self._furniture = {place.name for place in places or () if place.kind == "furniture"}
+        self._furniture = {place.name for place in (places.furniture if places else ())}
         self.grid = grid
         self.reset()
 

@@ -19,8 +19,8 @@ class Track:
     """One anchor: its number, its symbol once it is believed in, and whether a verification found it missing.
 
     born : density of undetected objects where it was first seen, 1/m³; unwatched : for how long nobody had looked
-    there, s. late : probability that it was not there before the first look, if it is new. recognised : whether it has
-    been compared with what was carried away. region : where it may be once it is lost, None for anywhere.
+    there, s. recognised : whether it has been compared with what was carried away. region : where it may be once it is
+    lost, None for anywhere.
     """
 
     number: int
@@ -28,7 +28,6 @@ class Track:
     id: str | None = None
     lost: bool = False
     born: float = 0.0
-    late: float = 0.0
     unwatched: float = np.inf
     recognised: bool = False
     region: Box | None = None
