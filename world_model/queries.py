@@ -115,8 +115,8 @@ class Words:
 
     def name(self, item: WorldObject) -> str:
         """ "the small red cup (cup-3)"; see `world_model.describing`."""
-        told = self.described(item).predicates
-        return named(item, (w for w in told if w != MOVED_ON and not self.symbols.is_collective(w)))
+        left_out = {MOVED_ON, *(name for name, known in self.symbols.predicates.items() if known.any)}
+        return named(item, (word for word in self.described(item).predicates if word not in left_out))
 
     def sentence(self, item: WorldObject, stamp: float | None = None) -> str:
         """ "the red cup (cup-3): on the kitchen table, p = 0.68, seen 3 min ago"; p includes that of its existence.

@@ -116,10 +116,6 @@ class Symbols:
         likely = {symbol: p for symbol, p in found.items() if p >= min_probability}
         return dict(sorted(likely.items(), key=lambda item: -item[1]))
 
-    def is_collective(self, symbol: str) -> bool:
-        """Whether a symbol only says that one of several others holds."""
-        return symbol in self.predicates and bool(self.predicates[symbol].any)
-
     def of_attribute(self, attribute: str) -> list[str]:
         """Predicates that are values of a discrete attribute."""
         return [name for name, item in self.predicates.items() if item.attribute == attribute]

@@ -134,14 +134,10 @@ class CameraView:
         yaw = float(np.arctan2(ahead[1], ahead[0]))
         off = np.arctan2(rays[:, 1], rays[:, 0]) - yaw
         off = np.abs(np.arctan2(np.sin(off), np.cos(off)))
-        # Who looks over the vertical sees all around.
-        half = float(off.max()) + 0.02 if not self._sees_vertical else np.pi
-        return {"pose": (*self.pose[:3, 3].tolist(), yaw), "range": FARTHEST, "angle": 2.0 * min(half, np.pi)}
-
-    @property
-    def _sees_vertical(self) -> bool:
-        turn = self.pose[:3, :3]
-        return bool(self.camera.inside(self.camera.project(np.array([-turn[2], turn[2]]))).any())
+        up = self.pose[2, :3]
+        over = self.camera.inside(self.camera.project(np.array([-up, up]))).any()  # sees all around
+        half = np.pi if over else min(float(off.max()) + 0.02, np.pi)
+        return {"pose": (*self.pose[:3, 3].tolist(), yaw), "range": FARTHEST, "angle": 2.0 * half}
 
     @cached_property
     def _beside(self) -> FloatArray:

@@ -49,8 +49,13 @@ def encode(item: WorldObject, digits: int = 7, text: str = "") -> tuple[Any, ...
         for array in (item.position, item.velocity, item.covariance, item.process_noise)
     )
     state = float(item.existence), bool(item.lost), float(item.last_seen), float(item.first_seen)
+    attributes = {
+        name: {value: round(p, digits) for value, p in values.items() if p > CERTAIN}  # not what is excluded
+        for name, values in item.attributes.items()
+    }
+    text = text or json.dumps(attributes, separators=(",", ":"))
     region = None if item.region is None else json.dumps(item.region)
-    return numbers, *state, text or attributes_text(item.attributes, digits), behaviors_text(item), region
+    return numbers, *state, text, behaviors_text(item), region
 
 
 def decode(object_id: str, row: tuple[Any, ...]) -> WorldObject:
@@ -77,15 +82,6 @@ def decode(object_id: str, row: tuple[Any, ...]) -> WorldObject:
         process_noise=values[15:].reshape(3, 3),
         quantities=quantities,
     )
-
-
-def attributes_text(attributes: Mapping[str, Mapping[str, float]], digits: int) -> str:
-    """JSON of attribute distributions; values that are practically excluded are left out."""
-    told = {
-        name: {value: round(p, digits) for value, p in values.items() if p > CERTAIN}
-        for name, values in attributes.items()
-    }
-    return json.dumps(told, separators=(",", ":"))
 
 
 def behaviors_text(item: WorldObject) -> str:

@@ -184,12 +184,8 @@ def present_at(world: Recall, move: Change) -> list[str]:
     """People who were at the place that an object left, or that it came to, when it was moved."""
     span = Span(move.start - AROUND_MOVE, move.end + AROUND_MOVE)
     places = [place for place in (move.before, move.after) if place]
-    found = []
-    for name in _persons(world, span):
-        _, positions = _track(world, name, span)
-        if len(positions) and any(bool(_at(world.places[place], positions).any()) for place in places):
-            found.append(name)
-    return found
+    there = {visit.person for place in places for visit in visits_of(world, place, span)}
+    return [name for name in _persons(world, span) if name in there]
 
 
 def visits_of(world: Recall, place: str, span: Span) -> list[Visit]:

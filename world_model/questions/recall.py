@@ -404,14 +404,13 @@ class Recall:
         if rows and here[0] and start == -math.inf and not cut:  # believed in only after some looks
             seen[0], stamps[0] = rows[0][6], rows[0][6]
         positions = np.frombuffer(b"".join(row[2] for row in rows), "<f8").reshape(-1, 3)
+        if item is not None and not rows:  # all that is known is the present
+            stamps, here, seen, positions = [item.first_seen], [True], [item.first_seen], item.position[None]
         if item is not None:
-            stamps.append(max(self.now, stamps[-1]) if stamps else self.now)
+            stamps.append(max(self.now, stamps[-1]))
             here.append(not item.lost and item.existence >= BELIEVED)
             seen.append(item.last_seen)
             positions = np.vstack([positions, item.position[None]])
-        if not rows and item is not None:  # no history: all that is known is the present
-            stamps, here, seen = [item.first_seen, *stamps], [True, *here], [item.first_seen, *seen]
-            positions = np.vstack([positions[:1], positions])
         words = self.words(positions)
         stays = _stays(stamps, here, seen, positions, words)
         return Timeline(object_id, stays, not here[-1] if here else True, cut)
