@@ -38,6 +38,13 @@ class Keyframe:
     scan: Scan | None = None
     number: int = 0
 
+    @property
+    def measured(self) -> Scan | FloatArray:
+        """The scan or cloud."""
+        kept = self.points if self.scan is None else self.scan
+        assert kept is not None
+        return kept
+
 
 class Keyframes:
     """Kept scans in order, and local maps around them."""
@@ -79,15 +86,13 @@ class Keyframes:
         self, scan: Scan, odometry: FloatArray, max_range: float, path: float | None = None
     ) -> Keyframe:
         """Keep a scan; `path` is given where it is known better than from the odometry."""
-        travelled = self._path(odometry) if path is None else path
-        return self._add(Keyframe(scan.stamp, odometry, travelled, prepare_scan(scan, max_range), None, scan))
+        return self._add(Keyframe(scan.stamp, odometry, 0.0, prepare_scan(scan, max_range), None, scan), path)
 
     def add_cloud(
         self, points: FloatArray, stamp: float, odometry: FloatArray, path: float | None = None
     ) -> Keyframe:
         """Keep a cloud (N, 3), already thinned."""
-        travelled = self._path(odometry) if path is None else path
-        return self._add(Keyframe(stamp, odometry, travelled, None, points))
+        return self._add(Keyframe(stamp, odometry, 0.0, None, points), path)
 
     def gap(self, metres: float) -> None:
         """The next keyframe is from another run: no local map reaches across."""
@@ -96,10 +101,6 @@ class Keyframes:
     def break_off(self, sigma: float) -> None:
         """The step to the last keyframe was guessed, give or take `sigma` metres: no local map reaches across it."""
         self.breaks[len(self) - 1] = sigma
-
-    def broken(self, k: int) -> bool:
-        """Whether the step to keyframe `k` was guessed."""
-        return k in self.breaks
 
     def slack(self, i: int, others: npt.ArrayLike) -> FloatArray:
         """Standard deviation in metres that guessed steps between keyframe `i` and others add to their distances."""
@@ -115,14 +116,13 @@ class Keyframes:
         parted[[k for k, sigma in self.breaks.items() if sigma > slack]] = 1
         return np.cumsum(parted)
 
-    def _path(self, odometry: FloatArray) -> float:
-        if not self._frames:
-            return 0.0
-        gap, self._gap = self._gap, 0.0
-        return self._frames[-1].path + gap + length(motion(self._frames[-1].odometry, odometry))
-
-    def _add(self, frame: Keyframe) -> Keyframe:
-        frame = replace(frame, number=self._count)
+    def _add(self, frame: Keyframe, path: float | None) -> Keyframe:
+        if path is None:
+            path = 0.0
+            if self._frames:
+                last, gap, self._gap = self._frames[-1], self._gap, 0.0
+                path = last.path + gap + length(motion(last.odometry, frame.odometry))
+        frame = replace(frame, path=path, number=self._count)
         self._count += 1
         self._put(frame)
         return frame

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
@@ -75,11 +76,7 @@ def length(pose: FloatArray) -> float:
 
 def turn(pose: FloatArray) -> float:
     """Radians of a motion, not negative."""
-    if planar(pose):
-        return float(abs(np.arctan2(np.sin(pose[2]), np.cos(pose[2]))))
-    R = pose[:3, :3]
-    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return float(np.arctan2(np.linalg.norm(axis), np.trace(R) - 1.0))
+    return float(turns(pose[None])[0])
 
 
 def turns(poses: FloatArray) -> FloatArray:
@@ -104,8 +101,6 @@ def blend(a: FloatArray, b: FloatArray, share: float) -> FloatArray:
     step = motion(a, b)
     if planar(a):
         return compound(a, np.asarray(share * step, dtype=np.float64))
-    from scipy.spatial.transform import Rotation
-
     part = np.eye(4)
     part[:3, :3] = Rotation.from_rotvec(share * Rotation.from_matrix(step[:3, :3]).as_rotvec()).as_matrix()
     part[:3, 3] = share * step[:3, 3]
@@ -115,6 +110,12 @@ def blend(a: FloatArray, b: FloatArray, share: float) -> FloatArray:
 def row(pose: FloatArray) -> FloatArray:
     """(3,) or, of a matrix, (6,) x, y, z, roll, pitch, yaw."""
     return pose if planar(pose) else pose_from_matrix(pose)
+
+
+def doubt_of(like: FloatArray, metres: float, radians: float) -> FloatArray:
+    """Covariance (3, 3) or (6, 6) of a pose of the same kind, alike in all directions, by its deviations."""
+    size = 2 if planar(like) else 3
+    return np.diag([metres**2] * size + [radians**2] * (1 if planar(like) else 3))
 
 
 def lever(offset: FloatArray) -> FloatArray:

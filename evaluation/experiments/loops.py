@@ -27,7 +27,7 @@ from evaluation.loops.loops_features import informative_features, repetitive_str
 from evaluation.loops.loops_judging import Judgement, draw_curves
 from evaluation.loops.loops_retrieval import retrieval
 from evaluation.loops.place_evaluation import Validation, balanced, k_fold
-from evaluation.loops.place_training import Recording
+from evaluation.loops.place_training import Recording, match_pairs
 from evaluation.loops.roc import roc
 from evaluation.report import Figure, Part, Report, RunOptions
 from loop_closure import (
@@ -38,7 +38,6 @@ from loop_closure import (
     pair_features_many,
     shipped_model,
 )
-from loop_closure.places.matching import match_pairs
 from loop_closure.places.pairs import PairRule, Pairs, compare_pairs
 from registration.laser.scan import Scan
 from whereabouts.system.progress import track

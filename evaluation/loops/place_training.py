@@ -12,21 +12,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import eigh
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_finite, as_points, require_count
 from estimation.errors import InputError
 from estimation.learning.boosting import AdaBoost
 from estimation.learning.gradient_boosting import GradientBoosting
 from loop_closure.places.comparison import PlaceDatabase
 from loop_closure.places.features import PlaceFeatures
-from loop_closure.places.matching import match_pairs
+from loop_closure.places.matching import Grids
+from loop_closure.places.outline_kernels import MATCH_FEATURES
+from loop_closure.places.outlines import Outline
 from loop_closure.places.pairs import PairRule, Pairs, compare_pairs, sample_pairs
 from loop_closure.places.place_model import PlaceModel, second_features
-from loop_closure.places.retrieval import learn_embedding
+from loop_closure.places.retrieval import Embedding
 
 # A recording with fewer positive pairs counts less, in proportion.
 FULL_WEIGHT = 500
@@ -238,3 +241,48 @@ def _weighted_quantile(values: FloatArray, weights: FloatArray, share: float) ->
     cumulated = np.cumsum(weights[order])
     at = int(np.searchsorted(cumulated, share * cumulated[-1]))
     return float(values[order][min(at, len(values) - 1)])
+
+
+def learn_embedding(
+    differences: npt.ArrayLike, same: npt.ArrayLike, dimension: int = 16, weights: npt.ArrayLike | None = None
+) -> Embedding:
+    """The discriminant metric of signature differences (M, S) of pairs labelled `same` (M,).
+
+    Signs do not matter: absolute differences do as well as far as second moments of single numbers go, but lose how
+    numbers go together; pass signed ones.
+
+    Raises
+    ------
+    InputError : wrong shapes, one class only, or more dimensions than numbers in a signature.
+    """
+    D, labels = as_points("differences", differences), np.asarray(same)
+    weight = np.ones(len(D)) if weights is None else as_finite("weights", weights)
+    if labels.shape != (len(D),) or weight.shape != (len(D),) or not 0 < (labels == 1).sum() < len(D):
+        raise InputError("same and weights must be (M,), with pairs of both classes")
+    if require_count("dimension", dimension) > D.shape[1]:
+        raise InputError(f"dimension must be at most {D.shape[1]}, not {dimension}")
+    moments = []
+    for value in (1, 0):
+        rows = labels == value
+        scaled = D[rows] * np.sqrt(weight[rows, None] / weight[rows].sum())
+        moments.append(scaled.T @ scaled)
+    within, between = moments
+    # Directions that hardly vary within a place would count without bound.
+    within = within + np.diag(0.05 * np.diag(within) + 1e-6 * np.trace(within))
+    _, vectors = eigh(between, within)
+    return Embedding(np.ascontiguousarray(vectors[:, ::-1][:, :dimension].T))
+
+
+def match_pairs(
+    outlines: Sequence[Outline], pairs: Pairs, cached: int = 4000
+) -> tuple[FloatArray, FloatArray]:
+    """`match_features` of pairs of places: features (M, 28) and poses (M, 3), in the order of the pairs."""
+
+    @lru_cache(cached)
+    def grids_of(place: int) -> Grids:
+        return Grids(outlines[place])
+
+    F, poses = np.empty((len(pairs), MATCH_FEATURES)), np.empty((len(pairs), 3))
+    for row, (i, j) in enumerate(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)):
+        grids_of(i).match(grids_of(j), F[row], poses[row])
+    return F, poses

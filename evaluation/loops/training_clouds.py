@@ -15,13 +15,12 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.learning.boosting import AdaBoost
 from estimation.learning.gradient_boosting import GradientBoosting
-from evaluation.loops.place_training import Recording, compare_wide, plain_share
+from evaluation.loops.place_training import Recording, compare_wide, learn_embedding, plain_share
 from evaluation.loops.roc import Roc, roc
 from loop_closure.places.comparison import PlaceDatabase
 from loop_closure.places.context import contexts
 from loop_closure.places.pairs import IntArray, PairRule, Pairs, sample_pairs
 from loop_closure.places.place_model import PlaceModel
-from loop_closure.places.retrieval import learn_embedding
 
 TILE = 25.0
 INNER = 3

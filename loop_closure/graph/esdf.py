@@ -15,7 +15,6 @@ Headings are kept unwrapped, so that the linear algebra sees no jumps.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
@@ -51,9 +50,7 @@ class EsdfGraph:
 
     def _forget(self) -> None:
         self._eta: list[FloatArray] = []
-        self._rows: list[FloatArray] = []
-        self._columns: list[FloatArray] = []
-        self._values: list[FloatArray] = []
+        self._blocks: list[tuple[int, int, FloatArray]] = []  # (d, d) that are added to Λ at block i, j
 
     @property
     def poses(self) -> FloatArray:
@@ -67,12 +64,14 @@ class EsdfGraph:
     @property
     def information(self) -> csc_matrix:
         """Λ, (Nd, Nd) sparse."""
+        within = np.arange(self.mean.shape[1])
+        i, j = (np.array([block[k] for block in self._blocks], dtype=int) for k in (0, 1))
+        values = np.array([block for _, _, block in self._blocks]).reshape(-1, len(within), len(within))
+        rows, columns = np.broadcast_arrays(
+            (i[:, None] * len(within) + within)[:, :, None], (j[:, None] * len(within) + within)[:, None, :]
+        )
         size = self.mean.size
-        if not self._values:
-            return csc_matrix((size, size))
-        parts = (np.concatenate(part) for part in (self._values, self._rows, self._columns))
-        values, rows, columns = parts
-        return csc_matrix((values, (rows.astype(int), columns.astype(int))), shape=(size, size))
+        return csc_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
 
     @property
     def vector(self) -> FloatArray:
@@ -87,7 +86,7 @@ class EsdfGraph:
         start = pose.copy() if self._planar else pose_from_matrix(pose)
         self.mean = start[None, :]
         W = np.eye(len(start)) / ANCHOR**2
-        self._add(0, 0, W)
+        self._blocks.append((0, 0, W))
         self._eta.append(W @ start)
 
     def extend(self, step: FloatArray, covariance: FloatArray) -> int:
@@ -100,16 +99,13 @@ class EsdfGraph:
         n = len(self.mean) - 1
         u, Q = self._measurement(edge)
         last = self.mean[n]
-        made = compound(last, u)
         # As the angles of the last pose run, without jumps.
-        made = _unwrapped(made, last)
+        made = _unwrapped(compound(last, u), last)
         F, J2 = compound_jacobians(last, u)
-        inverse = np.linalg.inv(J2 @ Q @ J2.T)
+        inverse: FloatArray = np.asarray(np.linalg.inv(J2 @ Q @ J2.T))
         offset = made - F @ last
-        self._add(n, n, F.T @ inverse @ F)
-        self._add(n, n + 1, -F.T @ inverse)
-        self._add(n + 1, n, -inverse @ F)
-        self._add(n + 1, n + 1, inverse)
+        self._blocks += [(n, n, F.T @ inverse @ F), (n, n + 1, -F.T @ inverse)]
+        self._blocks += [(n + 1, n, -inverse @ F), (n + 1, n + 1, inverse)]
         self._eta[n] = self._eta[n] - F.T @ inverse @ offset
         self._eta.append(inverse @ offset)
         self.mean = np.vstack((self.mean, made))
@@ -117,8 +113,8 @@ class EsdfGraph:
 
     def close(self, edges: list[Edge]) -> None:
         """Measure relative poses and recover the state."""
+        self.edges += edges
         for edge in edges:
-            self.edges.append(edge)
             self._measure(edge)
         self._recover()
 
@@ -134,7 +130,7 @@ class EsdfGraph:
         target = innovation + Hi @ self.mean[i] + Hj @ self.mean[j]
         for a, H in ((i, Hi), (j, Hj)):
             for b, G in ((i, Hi), (j, Hj)):
-                self._add(a, b, H.T @ inverse @ G)
+                self._blocks.append((a, b, H.T @ inverse @ G))
             self._eta[a] = self._eta[a] + H.T @ inverse @ target
 
     def settle(self, without: set[int] | None = None) -> None:
@@ -164,15 +160,7 @@ class EsdfGraph:
         self._recover()
 
     def _recover(self) -> None:
-        shape = self.mean.shape
-        self.mean = np.asarray(splu(self.information).solve(self.vector)).reshape(shape)
-
-    def _add(self, i: int, j: int, block: npt.NDArray[np.floating]) -> None:
-        size = len(block)
-        rows, columns = np.mgrid[0:size, 0:size]
-        self._rows.append((rows + i * size).ravel())
-        self._columns.append((columns + j * size).ravel())
-        self._values.append(np.asarray(block).ravel())
+        self.mean = np.asarray(splu(self.information).solve(self.vector)).reshape(self.mean.shape)
 
     def _measurement(self, edge: Edge) -> tuple[FloatArray, FloatArray]:
         """The motion as a state difference and its covariance; in space of Euler angles instead of a turn vector."""

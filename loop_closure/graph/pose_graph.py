@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
@@ -218,13 +219,9 @@ def residuals(edges: list[Edge], poses: FloatArray) -> FloatArray:
     squares = np.empty(len(edges))
     for k, edge in enumerate(edges):
         off = motion(edge.motion, motion(poses[edge.a], poses[edge.b]))
-        error = off.copy() if planar(off) else np.concatenate((off[:3, 3], _rotation_vector(off)))
+        error = off
+        if not planar(off):
+            error = np.concatenate((off[:3, 3], Rotation.from_matrix(off[:3, :3]).as_rotvec()))
         B = rotation(edge.motion)
         squares[k] = error @ np.linalg.solve(B.T @ edge.covariance @ B, error)
     return squares
-
-
-def _rotation_vector(pose: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(pose[:3, :3]).as_rotvec())

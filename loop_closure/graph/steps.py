@@ -12,15 +12,13 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from loop_closure.keyframes import Keyframes
-from loop_closure.motions import grown, length, motion, planar, rotation, turn
+from loop_closure.motions import doubt_of, grown, length, motion, planar, positions, rotation, turn
 from loop_closure.slam_config import SlamConfig
 from registration.placement.align_submaps import align_submaps, ambiguous
 
 FLOOR = 0.01  # metres, of any step
-LASTING = (
-    30.0,
-    8.0,
-)  # variances of position and heading over those that odometry states of a step it measured
+# Variances of position and heading over those that odometry states of a step it measured.
+LASTING = (30.0, 8.0)
 GUESSED = 4.0  # the same of a step that was predicted, which is stated amply
 LEAP = (3.0, 1.2)  # metres and radians from one scan to the next that no registration can be sure of
 DOUBTED = 0.5  # share of such a leap that may be wrong
@@ -34,9 +32,7 @@ class StepDoubt:
     def __init__(self, config: SlamConfig) -> None:
         self._config = config
         self._last: FloatArray | None = None  # covariance odometry stated at the last keyframe
-        self._loose: FloatArray | None = (
-            None  # of the last step, if it was predicted, in the frame it ends in
-        )
+        self._loose: FloatArray | None = None  # of the last step, if predicted, in the frame it ends in
         self._leap = (0.0, 0.0)  # metres and radians of leaps since the last keyframe
 
     def watch(self, before: FloatArray, here: FloatArray) -> None:
@@ -68,8 +64,7 @@ class StepDoubt:
         if any(self._leap) and not _confirmed(step, keyframes):
             away, angle = away + DOUBTED * self._leap[0], angle + DOUBTED * self._leap[1]
             keyframes.break_off(away)
-        size = 2 if planar(step) else 3
-        doubt = np.diag([away**2] * size + [angle**2] * (1 if planar(step) else 3))
+        doubt = doubt_of(step, away, angle)
         loose, self._loose = self._loose, None
         if covariance is not None and self._last is not None:
             own = grown(before, step, self._last, covariance)
@@ -80,6 +75,7 @@ class StepDoubt:
                 self._loose = GUESSED * B.T @ own @ B
                 doubt = doubt + GUESSED * own
             else:
+                size = len(positions(step))
                 factors = np.sqrt([LASTING[0]] * size + [LASTING[1]] * (len(own) - size))
                 doubt = doubt + own * np.outer(factors, factors)
         if loose is not None:

@@ -17,9 +17,8 @@ from loop_closure.growing_array import GrowingArray
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import planar, positions
 
-ARM = (
-    5.0  # metres at which the turn error of an edge is weighed against its position error in choosing a path
-)
+# Metres at which the turn error of an edge is weighed against its position error in choosing a path.
+ARM = 5.0
 SLACK = 0.1  # metres that guessed steps add to a distance from which on it is asked whether closures say more
 NONE = -1  # ends a chain
 DEVIATIONS = 2.5  # within which something is looked for, and may be off

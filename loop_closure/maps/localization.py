@@ -34,9 +34,8 @@ LOST_AFTER = 8.0  # metres of standard deviation beyond which the place is given
 # a part of the building that the map has not may look like one that it has, but not for long. It is given up once more
 # of the path since then went without confirmation than with, until it was confirmed over as many metres.
 UNPROVEN = 10.0
-PER_SECOND = (
-    10.0  # parts of the map a lost robot is laid on: half a processor's time, as one takes 10 to 50 ms
-)
+# Parts of the map a lost robot is laid on: half a processor's time, as one takes 10 to 50 ms.
+PER_SECOND = 10.0
 DRIFT = (0.03, 0.01)  # metres and radians that odometry is taken to be off per metre
 
 

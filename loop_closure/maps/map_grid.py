@@ -13,6 +13,7 @@ from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.tiles import VIEW_CELLS, TiledGrid, Tiles, TileView
 from loop_closure.keyframes import Keyframe
 from loop_closure.slam.trajectory import Slam
+from registration.clouds.cloud_registration import thin
 
 Array = NDArray[np.float64]
 
@@ -84,8 +85,9 @@ class MapGrid:
             frame = slam.keyframes[k]
             self._drawn[frame.number] = Drawn(poses[k].copy())
             self._changed |= self._integrate(frame, None)
-        if most is None and self._outdated(slam):
-            self.update(slam)
+        allowed = 0.5 * self.tiles.resolution
+        if most is None and self._away(_placed(slam, self._drawn)).max(initial=0.0) > allowed:
+            self.update(slam)  # what was drawn anew was drawn where it is not any more
 
     def _as_before(self, numbers: NDArray[np.int64], poses: Array) -> bool:
         """Whether all keyframes looked at the last time are still there, where they were."""
@@ -103,10 +105,6 @@ class MapGrid:
     def behind(self) -> bool:
         """Whether it is being drawn anew."""
         return self._anew is not None
-
-    def _outdated(self, slam: Slam) -> bool:
-        """Whether what was drawn anew was drawn where it is not any more."""
-        return self._away(_placed(slam, self._drawn)).max(initial=0.0) > 0.5 * self.tiles.resolution
 
     def _away(self, known: Sequence[tuple[Keyframe, Array]]) -> Array:
         """How far each has moved since it was drawn (small steps add up), (N,) m or rad."""
@@ -141,8 +139,7 @@ class MapGrid:
             anew._integrate(frame, None)
         if self._left:
             return
-        both = (*self.tiles.tiles.tolist(), *anew.tiles.tiles.tolist())
-        self._changed |= frozenset((j, i) for j, i in both)
+        self._changed |= _all_of(self.tiles) | _all_of(anew.tiles)
         self.tiles, self._drawn = anew.tiles, anew._drawn
         self._gone, self._anew, self._seen = frozenset(), None, NOTHING
 
@@ -171,7 +168,7 @@ class MapGrid:
 
     def _forget(self) -> None:
         """Begin anew with an empty grid."""
-        everything = frozenset((j, i) for j, i in self.tiles.tiles.tolist())
+        everything = _all_of(self.tiles)
         self.tiles.erase(everything)
         self._drawn.clear()
         self._gone, self._changed = frozenset(), self._changed | everything
@@ -204,6 +201,10 @@ class MapGrid:
         return item.tiles
 
 
+def _all_of(tiles: TiledGrid) -> Tiles:
+    return frozenset((j, i) for j, i in tiles.tiles.tolist())
+
+
 def _placed(slam: Slam, among: Container[int]) -> list[tuple[Keyframe, Array]]:
     """Keyframes of a map whose numbers are `among` some, with their poses."""
     numbers, poses = slam.keyframes.numbers.tolist(), slam.graph.poses
@@ -219,8 +220,4 @@ def map_points(slam: Slam, tiles: TiledGrid) -> Array:
         points = slam.keyframes[k].points
         assert points is not None
         clouds.append(points @ pose[:3, :3].T + pose[:3, 3])
-    points = np.concatenate(clouds)
-    _, first = np.unique(
-        np.floor(points / (4.0 * tiles.resolution)).astype(np.int64), axis=0, return_index=True
-    )
-    return points[np.sort(first)]
+    return thin(np.concatenate(clouds), 4.0 * tiles.resolution)

@@ -12,9 +12,8 @@ from loop_closure.motions import compose, invert, planar
 from loop_closure.slam.trajectory import Slam
 from registration.laser.scan import Scan
 
-FOLLOWED = (
-    10  # keyframes over which the second session is followed once it is found: the place is then known better
-)
+# Keyframes over which the second session is followed once it is found: the place is then known better.
+FOLLOWED = 10
 
 
 class EarlierMap:
@@ -76,10 +75,8 @@ def _find(first: Slam, second: Slam) -> tuple[int, FloatArray]:
     best: tuple[int, FloatArray] | None = None
     begun = 0
     for k in range(len(second.keyframes)):
-        frame = second.keyframes[k]
-        scan = frame.points if frame.scan is None else frame.scan
-        assert scan is not None
-        if localizer.process(scan, second.graph.poses[k]).sure and localizer.correction is not None:
+        located = localizer.process(second.keyframes[k].measured, second.graph.poses[k])
+        if located.sure and localizer.correction is not None:
             begun = k if best is None else begun
             best = k, localizer.correction
         if best is not None and k - begun >= FOLLOWED:
@@ -90,6 +87,4 @@ def _find(first: Slam, second: Slam) -> tuple[int, FloatArray]:
 
 
 def _add(slam: Slam, frame: Keyframe, pose: FloatArray) -> None:
-    scan = frame.points if frame.scan is None else frame.scan
-    assert scan is not None
-    slam.process(scan, pose, None, frame.stamp)
+    slam.process(frame.measured, pose, None, frame.stamp)

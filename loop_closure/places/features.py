@@ -124,7 +124,8 @@ def features_2d(scan: Scan, max_range: float, outline: Outline | None = None) ->
     full_circle = count >= 3 and count * step >= 2.0 * np.pi - 0.5 * step
     multiples, starts = _bins(limit)
     values, counts = _describe_2d(r, P, full_circle, limit, multiples, starts)
-    return _place(values, counts, starts, limit, outline_of_scan(scan) if outline is None else outline)
+    outline = outline_of_scan(scan) if outline is None else outline
+    return PlaceFeatures(values, tuple(np.split(counts, starts[1:-1])), limit, outline)
 
 
 def features_3d(points: npt.ArrayLike, max_range: float) -> PlaceFeatures:
@@ -143,7 +144,7 @@ def features_3d(points: npt.ArrayLike, max_range: float) -> PlaceFeatures:
         raise InputError(f"points must have shape (N, 3) with N at least 1, not {cloud.shape}")
     multiples, starts = _bins(limit)
     values, counts = _describe_3d(np.ascontiguousarray(cloud), limit, multiples, starts)
-    return _place(values, counts, starts, limit)
+    return PlaceFeatures(values, tuple(np.split(counts, starts[1:-1])), limit)
 
 
 def scan_order(points: npt.ArrayLike, ring: float = 0.01) -> FloatArray:
@@ -167,16 +168,6 @@ def _bins(limit: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     # 50 / 0.1 must be 500 bins, whatever its last digit.
     counts = np.maximum(np.ceil(limit / widths - 1e-9), 1).astype(np.int64)
     return np.rint(widths * define.BINS_PER_METRE).astype(np.int64), np.concatenate(([0], np.cumsum(counts)))
-
-
-def _place(
-    values: FloatArray,
-    counts: FloatArray,
-    starts: npt.NDArray[np.int64],
-    limit: float,
-    outline: Outline | None = None,
-) -> PlaceFeatures:
-    return PlaceFeatures(values, tuple(np.split(counts, starts[1:-1])), limit, outline)
 
 
 @numba.njit(cache=True)

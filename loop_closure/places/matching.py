@@ -11,15 +11,12 @@ of candidates, no verification: `registration.placement.align_globally` finds th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from loop_closure.places.outline_kernels import MATCH_FEATURES, grids, match, sharp_grid
 from loop_closure.places.outlines import Outline
-from loop_closure.places.pairs import Pairs
 
 NAMES = (
     "agreement",
@@ -61,30 +58,15 @@ class Grids:
         self.fine, self.coarse = grids(outline.points, outline.free)
         self.sharp = sharp_grid(outline.points)
 
+    def match(self, b: Grids, out: FloatArray, pose: FloatArray) -> None:
+        """Write the features (28,) of laying this outline on that of `b`, and its pose (3,) there."""
+        match(self.points, self.fine, self.sharp, b.points, b.fine, b.coarse, b.sharp, out, pose)
+
 
 def match_features(a: Outline, others: Sequence[Outline]) -> tuple[FloatArray, FloatArray]:
     """Features (M, 28) of laying `a` on each of M outlines, and the poses (M, 3) of `a` in their frames."""
     laid = Grids(a)
     F, poses = np.empty((len(others), MATCH_FEATURES)), np.empty((len(others), 3))
     for row, other in enumerate(others):
-        _match(laid, Grids(other), F[row], poses[row])
-    return F, poses
-
-
-def _match(a: Grids, b: Grids, out: npt.NDArray, pose: npt.NDArray) -> None:
-    match(a.points, a.fine, a.sharp, b.points, b.fine, b.coarse, b.sharp, out, pose)
-
-
-def match_pairs(
-    outlines: Sequence[Outline], pairs: Pairs, cached: int = 4000
-) -> tuple[FloatArray, FloatArray]:
-    """`match_features` of pairs of places: features (M, 28) and poses (M, 3), in the order of the pairs."""
-
-    @lru_cache(cached)
-    def grids_of(place: int) -> Grids:
-        return Grids(outlines[place])
-
-    F, poses = np.empty((len(pairs), MATCH_FEATURES)), np.empty((len(pairs), 3))
-    for row, (i, j) in enumerate(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)):
-        _match(grids_of(i), grids_of(j), F[row], poses[row])
+        laid.match(Grids(other), F[row], poses[row])
     return F, poses

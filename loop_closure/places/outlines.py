@@ -48,22 +48,9 @@ class Outline:
 
 def outline_of_scan(scan: Scan) -> Outline:
     """The outline one scan sees; no points where it has no returns."""
-    return _outline(scan.points(), _seen_free(_reach(scan)))
-
-
-def _seen_free(seen: FloatArray) -> npt.NDArray[np.uint8]:
-    """Cells that a scan in the middle saw through, (CELLS, CELLS)."""
-    free = np.zeros((CELLS, CELLS), dtype=np.uint8)
-    mark_free(free, seen, 0.0, 0.0, 0.0)
-    return free
-
-
-def _reach(scan: Scan) -> FloatArray:
-    return np.asarray(reach(scan.ranges, scan.valid, scan.angle_min, scan.angle_increment, SECTORS))
-
-
-def _outline(points: FloatArray, free: npt.NDArray[np.uint8]) -> Outline:
-    return Outline(thin(points, THIN, RADIUS)[:MOST_POINTS], np.packbits(free.ravel()))
+    alone = LocalMap()
+    alone.add(scan, np.zeros(3))
+    return alone.outline()
 
 
 class LocalMap:
@@ -93,7 +80,8 @@ class LocalMap:
             raise InputError("pose must be finite")
         if self._newest is not None:
             self._travelled += float(np.hypot(*(pose[:2] - self._newest[1][:2])))
-        self._newest = (scan, pose, _reach(scan), self._travelled)
+        seen = reach(scan.ranges, scan.valid, scan.angle_min, scan.angle_increment, SECTORS)
+        self._newest = (scan, pose, seen, self._travelled)
         if self._kept:
             moved = between(self._kept[-1][1], pose)
             if math.hypot(moved[0], moved[1]) < self.step and abs(moved[2]) < self.turn:
@@ -112,7 +100,8 @@ class LocalMap:
         if self._newest is None:
             raise InputError("local map: no scan was added yet")
         scan, pose, seen, _ = self._newest
-        free = _seen_free(seen)
+        free = np.zeros((CELLS, CELLS), dtype=np.uint8)
+        mark_free(free, seen, 0.0, 0.0, 0.0)
         points = [scan.points()]
         for other, at, sight, _ in self._kept:
             if other is scan:
@@ -121,4 +110,5 @@ class LocalMap:
             mark_free(free, sight, x, y, yaw)
             c, s = math.cos(yaw), math.sin(yaw)
             points.append(other.points() @ np.array([[c, s], [-s, c]]) + (x, y))
-        return _outline(np.concatenate(points), free)
+        walls = thin(np.concatenate(points), THIN, RADIUS)
+        return Outline(walls[:MOST_POINTS], np.packbits(free.ravel()))

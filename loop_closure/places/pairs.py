@@ -144,10 +144,8 @@ def _candidates(
         j = np.arange(i + rule.index_gap, count)
         apart = np.linalg.norm(where[j] - where[i], axis=1)
         revisit = np.abs(travelled[j] - travelled[i]) >= rule.path_gap
-        alike = np.ones(len(j), dtype=bool)
-        if rule.max_turn < math.pi:
-            turn = np.abs(np.mod(yaw[j] - yaw[i] + math.pi, 2.0 * math.pi) - math.pi)
-            alike = turn <= rule.max_turn
+        turn = np.abs(np.mod(yaw[j] - yaw[i] + math.pi, 2.0 * math.pi) - math.pi)
+        alike = turn <= rule.max_turn
         near.append(i * count + j[alike & (revisit | rule.neighbours) & (apart < rule.distance)])
         far.append(i * count + j[alike & revisit & (apart >= max(rule.distance, rule.apart))])
     nothing = np.zeros(0, dtype=np.int64)

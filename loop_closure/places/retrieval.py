@@ -1,6 +1,6 @@
 """Candidates from a long history in less than linear time: nearest neighbours in a metric learned from pairs.
 
-    embedding = learn_embedding(signatures_a, signatures_b, same)     # signatures (M, S) of pairs
+    embedding = shipped_model("best_2d").embedding
     index = NearestPlaces(embedding.dimension)
     index.add(embedding(signature)); index.query(embedding(signature), count=1000)
 
@@ -18,9 +18,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import eigh
 
-from estimation.checks import FloatArray, as_finite, as_points, require_count
+from estimation.checks import FloatArray, as_points, require_count
 from estimation.errors import InputError
 from loop_closure.growing_array import GrowingArray
 
@@ -53,36 +52,6 @@ class Embedding:
         except (KeyError, TypeError) as error:
             raise InputError(f"embedding: not complete: {error}") from error
         return cls(matrix)
-
-
-def learn_embedding(
-    differences: npt.ArrayLike, same: npt.ArrayLike, dimension: int = 16, weights: npt.ArrayLike | None = None
-) -> Embedding:
-    """The discriminant metric of signature differences (M, S) of pairs labelled `same` (M,).
-
-    Signs do not matter: absolute differences do as well as far as second moments of single numbers go, but lose how
-    numbers go together; pass signed ones.
-
-    Raises
-    ------
-    InputError : wrong shapes, one class only, or more dimensions than numbers in a signature.
-    """
-    D, labels = as_points("differences", differences), np.asarray(same)
-    weight = np.ones(len(D)) if weights is None else as_finite("weights", weights)
-    if labels.shape != (len(D),) or weight.shape != (len(D),) or not 0 < (labels == 1).sum() < len(D):
-        raise InputError("same and weights must be (M,), with pairs of both classes")
-    if require_count("dimension", dimension) > D.shape[1]:
-        raise InputError(f"dimension must be at most {D.shape[1]}, not {dimension}")
-    moments = []
-    for value in (1, 0):
-        rows = labels == value
-        scaled = D[rows] * np.sqrt(weight[rows, None] / weight[rows].sum())
-        moments.append(scaled.T @ scaled)
-    within, between = moments
-    # Directions that hardly vary within a place would count without bound.
-    within = within + np.diag(0.05 * np.diag(within) + 1e-6 * np.trace(within))
-    _, vectors = eigh(between, within)
-    return Embedding(np.ascontiguousarray(vectors[:, ::-1][:, :dimension].T))
 
 
 class NearestPlaces:

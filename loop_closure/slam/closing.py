@@ -21,6 +21,11 @@ from loop_closure.slam.cloud_closing import lay
 from loop_closure.work import Steps
 from registration.placement.align_submaps import APART, Placement, align_submaps, ambiguous
 
+COMMON = 3.0  # metres between places whose local maps have something in common
+BACK = 6.0  # metres of path in the newer local map
+SPREAD = 3.0  # metres of path between candidates
+# Candidates where the place is known well, where it is not, and of what looks alike.
+FEW, MANY, ALIKE = 3, 10, 5
 CERTAIN_IN_SPACE = 2.0  # metres: a cloud of a street has far more to tell than a scan
 LAYING, LAYING_CLOUD = (4.0, 8.0), 60.0  # ms of laying a local map on another, known well and not; of a cloud
 
@@ -42,12 +47,6 @@ class Search:
     farthest: float  # standard deviation beyond which only what looks alike is laid on the map
     anywhere: bool = False  # only what looks alike is laid on the map, wherever it is
     only_certain: bool = False  # leave out what would have to wait
-    near: float = 3.0  # distance at which two local maps have something in common
-    back: float = 6.0  # of path in the newer local map
-    spread: float = 3.0  # path between candidates
-    few: int = 3  # candidates where the place is known well
-    many: int = 10  # where it is not
-    alike: int = 5  # candidates that look alike
 
 
 def looking(
@@ -69,21 +68,21 @@ def looking(
     if not planar(poses):
         yield LAYING_CLOUD
         return _look_around(k, chosen, keyframes, poses, gate, search)
-    source = keyframes.local_map(k, search.back if not both else AROUND, AROUND if both else 0.0)
+    source = keyframes.local_map(k, AROUND, AROUND) if both else keyframes.local_map(k, BACK, 0.0)
     fits: list[Guess] = []
     for j in chosen:
         yield LAYING[bool(gate.sigma[j] > search.certain or search.anywhere)]
         target = keyframes.local_map(j, AROUND, AROUND)
         expected = guess = motion(poses[j], poses[k])
         # What looks alike far from the estimate makes that as doubtful as it is far off.
-        outside = search.anywhere and length(guess) > search.near + DEVIATIONS * gate.sigma[j]
+        outside = search.anywhere and length(guess) > COMMON + DEVIATIONS * gate.sigma[j]
         sigma = max(float(gate.sigma[j]), length(guess) / DEVIATIONS if outside else 0.0)
         loose = sigma > search.certain
         reach = DEVIATIONS * sigma + NEAR
         window = np.pi if outside else min(DEVIATIONS * float(gate.turn[j]) + 0.12, np.pi)
         if loose:
             # As far as corridors repeat, even where less would do: odometry that slipped by a door is sure of itself.
-            reach = search.near + search.spread
+            reach = COMMON + SPREAD
             guess = nearer(guess, reach)
         placements = align_submaps(source, target, guess, reach, window)
         fits += _believed(placements, Edge(j, k, expected, np.eye(3), True), sigma, loose, likely.get(j, 0.0))
@@ -119,10 +118,10 @@ def candidates_of(
     """Earlier keyframes that may show the place of `k`, the most promising first."""
     paths = keyframes.paths[: len(poses)]
     if search.anywhere:
-        return _spread([], sorted(likely, key=lambda j: -likely[j]), paths, search.spread, search.alike)
+        return _spread([], sorted(likely, key=lambda j: -likely[j]), paths, SPREAD, ALIKE)
     where = positions(poses)
     away = np.linalg.norm(where - where[k], axis=1)
-    reach = search.near + DEVIATIONS * gate.sigma
+    reach = COMMON + DEVIATIONS * gate.sigma
     allowed = (paths <= paths[k] - search.apart) & (away <= reach) & (gate.sigma <= search.farthest)
     allowed[k:] = False
     if search.only_certain:
@@ -132,20 +131,20 @@ def candidates_of(
     chosen: list[int] = []
     if loose and likely:
         alike = [j for j in sorted(likely, key=lambda j: -likely[j]) if away[j] <= reach[j]]
-        _spread(chosen, alike, paths, search.spread, search.alike)
+        _spread(chosen, alike, paths, SPREAD, ALIKE)
     # The better known ones first, nearest first.
     rank = away[pool] / reach[pool]
     order = pool[np.argsort(rank, kind="stable")].tolist()
     if loose:
-        return _spread(chosen, order, paths, search.spread, len(chosen) + search.many)
-    return _spread(chosen, order, paths, 2.0 * search.spread, search.few)
+        return _spread(chosen, order, paths, SPREAD, len(chosen) + MANY)
+    return _spread(chosen, order, paths, 2.0 * SPREAD, FEW)
 
 
 def lost(k: int, keyframes: Keyframes, poses: FloatArray, gate: Gate, search: Search) -> bool:
     """Whether keyframe `k` may be at places that are not known well, and at none that is: looks matter then."""
     away = np.linalg.norm(positions(poses) - positions(poses)[k], axis=1)
     near = keyframes.paths[: len(poses)] <= keyframes.paths[k] - search.apart
-    near &= away <= search.near + DEVIATIONS * gate.sigma
+    near &= away <= COMMON + DEVIATIONS * gate.sigma
     return bool(near.any() and gate.sigma[near].min() > search.certain)
 
 

@@ -17,17 +17,14 @@ from loop_closure.motions import invert, length, motion, orthonormal, turn
 from registration.clouds.cloud_registration import align_clouds, overlap, polish, thin
 from registration.clouds.feature_matching import match_features
 from registration.placement.align_globally import align_globally
-from registration.result import Registration
 
 NEAR_ENOUGH = 1.5  # metres of standard deviation up to which a refinement finds its way
 LEAST_FITNESS = 0.75  # share of the lesser overlap
 CLOSE = 0.5  # metres within which points agree
 LEAST_STANDING = 0.5  # the same of what stands upright: flat ground agrees with all flat ground
 CLOSE_STANDING = 0.3
-COLUMN, TALL = (
-    0.5,
-    0.5,
-)  # metres: edge of a column, and height from lowest to highest point from which it stands
+# Metres: edge of a column, and height from lowest to highest point from which it stands.
+COLUMN, TALL = 0.5, 0.5
 LEAST_POINTS = 200
 SURE, SURE_STANDING = 0.6, 0.6  # both, of a placement in a finished map that is believed
 FEATURE = 0.8  # metres, voxel edge of the features that clouds are matched by without a guess
@@ -86,7 +83,6 @@ def lay(
     target = local_cloud(keyframes, j, AROUND, AROUND)
     if min(len(source), len(target)) < LEAST_POINTS:
         return None
-    found: Registration
     if sigma <= NEAR_ENOUGH:
         found = align_clouds(source, target, guess, close=sigma < 0.5)
     else:

@@ -76,7 +76,7 @@ class PlaceLikeness:
     def _features(self, k: int, keyframes: Keyframes) -> PlaceFeatures:
         frame = keyframes[k]
         assert frame.scan is not None
-        if keyframes.broken(k):
+        if k in keyframes.breaks:
             self._around.clear()
         self._around.add(frame.scan, frame.odometry)
         return features_2d(frame.scan, MAX_RANGE, self._around.outline())

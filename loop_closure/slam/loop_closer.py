@@ -18,7 +18,7 @@ from loop_closure.graph.pose_graph import Edge, PoseGraph, SmoothedGraph, residu
 from loop_closure.graph.uncertainty import SLACK, Uncertainty, apart
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import planar
-from loop_closure.slam.closing import Gate, Search, agree, looking, lost, off
+from loop_closure.slam.closing import SPREAD, Gate, Search, agree, looking, lost, off
 from loop_closure.slam.closure_hypotheses import ClosureHypotheses, Guess
 from loop_closure.slam.editing import Refused, same_revisit
 from loop_closure.slam.likeness import PlaceLikeness
@@ -64,10 +64,7 @@ class LoopCloser:
         self.closures: list[Closure] = []
         self.accepted: list[Closure] = []  # since the last scan
         self._farthest, self._proposals = config.farthest, proposals
-        self._search = Search(
-            apart=config.loop_path, certain=config.certain, farthest=config.farthest,
-            anywhere=proposals == "places",
-        )  # fmt: skip
+        self._search = Search(config.loop_path, config.certain, config.farthest, proposals == "places")
         self._hypotheses = ClosureHypotheses()
         self._hindsight = ClosureHypotheses()  # of keyframes that were left undecided, seen from both sides
         self._uncertainty = Uncertainty()
@@ -208,6 +205,7 @@ class LoopCloser:
     def _second_look(self, keys: list[int]) -> Steps[list[Closure]]:
         """Keyframes passed before their place was known well enough."""
         accepted: list[Closure] = []
+        paths = self.keyframes.paths
         earlier: dict[int, list[int]] = {k: [] for k in keys}
         for closure in self.closures:
             if closure.later in earlier:
@@ -215,10 +213,13 @@ class LoopCloser:
         for k in keys:
             self._again.discard(k)
             found = yield from self._look(k, True)
+            # Not again what lies about where it was closed already, along the path.
             fits = [
                 fit
                 for fit in found
-                if fit.certain and fit.alone and not self._near_path(fit.edge.a, earlier[k])
+                if fit.certain
+                and fit.alone
+                and all(abs(paths[fit.edge.a] - paths[other]) >= SPREAD for other in earlier[k])
             ]
             if fits and agree(fits, self.graph.poses):
                 accepted += yield from self._accept(fits, "at the expected place, found on a second look")
@@ -234,11 +235,6 @@ class LoopCloser:
             accepted += yield from self._take(fits, waiting)
             accepted += yield from self._decide(waiting)
         return accepted
-
-    def _near_path(self, k: int, others: Sequence[int]) -> bool:
-        """Whether one of `others` lies about where keyframe `k` does along the path."""
-        paths = self.keyframes.paths
-        return any(abs(paths[k] - paths[other]) < self._search.spread for other in others)
 
     def _accept(self, fits: Sequence[Guess], reason: str) -> Steps[list[Closure]]:
         fits = [fit for fit in fits if not self._refused.holds(fit.edge, self.keyframes.paths)]

@@ -20,7 +20,7 @@ from loop_closure.graph.pose_graph import Edge, PoseGraph, SmoothedGraph
 from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.graph.steps import StepDoubt
 from loop_closure.keyframes import Keyframes
-from loop_closure.motions import as_pose, compose, identity, invert, motion, orthonormal, planar
+from loop_closure.motions import as_pose, compose, doubt_of, identity, invert, motion, orthonormal, planar
 from loop_closure.slam.closing import off
 from loop_closure.slam.cloud_closing import LEAF, as_cloud, polished_step, thinned
 from loop_closure.slam.loop_closer import AROUND, WRONG, Closure, LoopCloser
@@ -252,11 +252,10 @@ class Slam:
             self.keyframes.add_scan(scan, here, self.config.max_range)
         else:
             points = thinned(as_cloud(scan), 0.5 * LEAF)
-            if before is not None and not self._new_run:
-                better = self._polished(points, before, here)
-                if better is not here:
-                    # What odometry says of itself does not hold for a step that was measured anew.
-                    here, covariance = better, None
+            better = None if before is None or self._new_run else self._polished(points, before, here)
+            if better is not None:
+                # What odometry says of itself does not hold for a step that was measured anew.
+                here, covariance = better, None
             self.keyframes.add_cloud(points, when, here)
         k = len(self.keyframes) - 1
         if before is None:
@@ -266,9 +265,7 @@ class Slam:
             if self._new_run:
                 # What odometry does not say the map does: the pose that was found in it, loosely.
                 step = motion(self.graph.poses[-1], here)
-                doubt = np.diag(
-                    [0.2**2] * (2 if planar(here) else 3) + [0.05**2] * (1 if planar(here) else 3)
-                )
+                doubt = doubt_of(here, 0.2, 0.05)
             else:
                 doubt = self._doubt.of(step, before, covariance, self.keyframes)
             self._new_run = False
@@ -301,11 +298,11 @@ class Slam:
         if self._thins:
             yield from self._thin()
 
-    def _polished(self, points: FloatArray, before: FloatArray, here: FloatArray) -> FloatArray:
-        """Odometry of a cloud, laid on the clouds before it; what it was off by stays taken off."""
+    def _polished(self, points: FloatArray, before: FloatArray, here: FloatArray) -> FloatArray | None:
+        """Odometry of a cloud, laid on the clouds before it, if that helps; what it was off by stays taken off."""
         step = polished_step(self.keyframes, points, motion(before, here))
         if step is None:
-            return here
+            return None
         better = orthonormal(compose(before, step))
         raw = here if self._frame is None else compose(invert(self._frame), here)
         self._frame = orthonormal(compose(better, invert(raw)))

@@ -97,7 +97,8 @@ def place(source: Submap, target: Submap, start: FloatArray, doubt: float) -> Pl
     views = judge(source, target, refined.pose), judge(target, source, inverse(refined.pose))
     agreeing, both = min(view.agreeing for view in views), sum(view.agreeing for view in views)
     standing = sum(view.standing for view in views)
-    fitness, overlap = both / max(both + standing, 1e-9), max(view.share for view in views)
+    fitness = both / max(both + views[0].standing + views[1].standing, 1e-9)
+    overlap = max(view.share for view in views)
     covariance = np.linalg.inv(refined.information / CORRELATED + np.diag(FREE**-2.0)) + np.diag(FLOOR**2)
     covariance = 0.5 * (covariance + covariance.T)
     reason = ""

@@ -132,8 +132,7 @@ def test_guessed_steps_add_up_between_keyframes() -> None:
     assert keyframes.slack(1, 2) == pytest.approx(0.3)
     assert keyframes.slack(5, 0) == pytest.approx(0.5)
     np.testing.assert_allclose(keyframes.slack(1, [0, 2, 5]), [0.0, 0.3, 0.5])
-    assert keyframes.broken(2)
-    assert not keyframes.broken(3)
+    assert set(keyframes.breaks) == {2, 4}
     assert keyframes.window(3, 10.0, 10.0) == (2, 3)
 
 

@@ -9,10 +9,11 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.geometry.poses import between
+from evaluation.loops.place_training import match_pairs
 from loop_closure import LocalMap, features_2d
-from loop_closure.places.matching import MATCH_FEATURES, NAMES, match_features, match_pairs
-from loop_closure.places.outline_kernels import CELL, CELLS, RADIUS, mark_free
-from loop_closure.places.outlines import THIN, _reach, outline_of_scan
+from loop_closure.places.matching import MATCH_FEATURES, NAMES, match_features
+from loop_closure.places.outline_kernels import CELL, CELLS, RADIUS, mark_free, reach
+from loop_closure.places.outlines import SECTORS, THIN, outline_of_scan
 from loop_closure.places.pairs import Pairs
 from loop_closure.places.signatures import SCAN_SIZE, range_quantiles
 from registration import Scan
@@ -76,7 +77,8 @@ def test_free_cells_are_those_the_beams_passed() -> None:
 
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (3.1, -4.2, 2.5), (-7.0, 1.0, -0.8)])
 def test_cells_are_free_where_the_beam_that_way_went_further(pose) -> None:
-    seen = _reach(scan_at((0.4, -0.3, 0.9)))
+    scan = scan_at((0.4, -0.3, 0.9))
+    seen = reach(scan.ranges, scan.valid, scan.angle_min, scan.angle_increment, SECTORS)
     free = np.zeros((CELLS, CELLS), dtype=np.uint8)
     mark_free(free, seen, *pose)
     centre = (np.arange(CELLS) + 0.5) * CELL - RADIUS

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from loop_closure.places.retrieval import Embedding, NearestPlaces, learn_embedding
+from evaluation.loops.place_training import learn_embedding
+from loop_closure.places.retrieval import Embedding, NearestPlaces
 
 
 def along_a_walk(count: int, dimension: int = 8) -> np.ndarray:
