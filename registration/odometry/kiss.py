@@ -33,13 +33,15 @@ class KissTracker:
     def __init__(self, max_range: float, voxel_size: float, noise: float, static_distance: float) -> None:
         # Imported here: a user of planar scans needs neither the library nor the time to load it.
         from kiss_icp.config import KISSConfig
-        from kiss_icp.config.config import DataConfig, MappingConfig
+        from kiss_icp.config.config import DataConfig, MappingConfig, RegistrationConfig
         from kiss_icp.kiss_icp import KissICP
 
         self._engine = KissICP(
             KISSConfig(
                 data=DataConfig(max_range=max_range, min_range=0.0, deskew=True),
                 mapping=MappingConfig(voxel_size=voxel_size),
+                # With more, sums are added up in another order each time.
+                registration=RegistrationConfig(max_num_threads=1),
             )
         )
         self._noise = noise

@@ -63,3 +63,18 @@ def test_wrong_input_names_the_argument(measurement, stamp, guess, named) -> Non
 def test_config_names_the_field_and_its_range() -> None:
     with pytest.raises(InputError, match="max_range"):
         OdometryConfig(max_range=-1.0)
+
+
+def test_clouds_are_followed_the_same_each_time() -> None:
+    rng = np.random.default_rng(4)
+    walls = rng.uniform(-10.0, 10.0, (30_000, 3))
+    walls[np.arange(len(walls)), rng.integers(0, 2, len(walls))] = rng.choice([-10.0, 10.0], len(walls))
+    clouds = [walls - [0.2 * k, 0.05 * k, 0.0] + rng.normal(0.0, 0.02, walls.shape) for k in range(6)]
+
+    def followed() -> np.ndarray:
+        odometry = Odometry()
+        return np.array([odometry.register(cloud, 0.1 * k) for k, cloud in enumerate(clouds)])
+
+    first = followed()
+    for _ in range(3):
+        np.testing.assert_array_equal(followed(), first)
