@@ -213,7 +213,7 @@ def test_one_late_odometry_message_leaves_the_map_alone_and_a_loop_takes_it_up_a
     robot.go(0.0, 30.0, 0.25)
     figures = settled(graph, "loop_closure", robot.diagnostics)
     kept, runs = int(figures["keyframes"]), figures["new runs"]
-    assert kept > 10
+    assert kept > 10, f"{figures}\n{graph.log(spec)}"
     late = Odometry()
     late.header.stamp, late.header.frame_id = time_message(START + round(28.35 * NANOSECONDS)), "odom"
     late.child_frame_id = "base_link"
