@@ -160,9 +160,8 @@ class Supervisor:
     on_death: Callable[[str], None] = lambda name: None
     nodes: dict[str, ManagedNode] = field(default_factory=dict, init=False)
     _given_up: set[str] = field(default_factory=set, init=False)
-    _groups: set[int] = field(
-        default_factory=set, init=False
-    )  # of processes, that nodes which have ended led
+    # Of processes, that nodes which have ended led.
+    _groups: set[int] = field(default_factory=set, init=False)
 
     def __enter__(self) -> Supervisor:
         remove_orphans()
