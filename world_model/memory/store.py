@@ -238,7 +238,7 @@ class Store(Records):
 
     def _write(self, item: WorldObject, stamp: float, change: Transaction) -> Written:
         """Rows of one object that is new or another version; what to remember of it."""
-        known = self._written.get(item.id)
+        known, text = self._written.get(item.id), ""
         if known is None:
             key, rows = change.key(item.id, self._clock.epoch)
             happened = "returned" if rows else "appeared"
@@ -247,11 +247,13 @@ class Store(Records):
         else:
             key, rows = known.key, known.rows
             happened = event(known.noted, known.noted_at, item, stamp)
-        mark = change.put(CURRENT, key, *encode(item), instead=None if known is None else known.mark)
+            text = known.text if known.row.attributes == item.attributes else ""
+        row = encode(item, text=text)
+        mark = change.put(CURRENT, key, *row, instead=None if known is None else known.mark)
         if known is not None and not happened:
-            return replace(known, latest=item, row=item, mark=mark)
+            return replace(known, latest=item, row=item, text=row[5], mark=mark)
         change.note(key, stamp, happened, rows, item)
-        return Written(key, item, item, item, stamp, rows + 1, mark)
+        return Written(key, item, item, item, stamp, rows + 1, row[5], mark)
 
     def _begin(self, epoch: int) -> None:
         known = self._execute(f"SELECT {EPOCHS.columns} FROM epochs WHERE epoch = ?", epoch).fetchone()
@@ -364,7 +366,7 @@ class Store(Records):
             item = decode(name, tuple(current))
             noted = item if row is None else decode(name, tuple(past))
             noted_at = self._clock.stamp or 0.0 if row is None else noted_at
-            self._written[name] = Written(key, item, item, noted, noted_at, count, mark)
+            self._written[name] = Written(key, item, item, noted, noted_at, count, current[5], mark)
 
     def _fail(self, error: BaseException) -> None:
         self.failures += 1

@@ -31,7 +31,7 @@ QUANTITIES = "quantities"  # Beside the behaviours, which it is none of: stores 
 @dataclass
 class Written:
     """What the store has of one object. `latest` is the newest, `row` the one in `current`, `noted` the newest in
-    `history`, at `noted_at`; `rows` counts those; `mark` is that of the row in `current`."""
+    `history`, at `noted_at`; `rows` counts those; `text` is the JSON of `row`'s attributes, `mark` that of its row."""
 
     key: int
     latest: WorldObject
@@ -39,23 +39,29 @@ class Written:
     noted: WorldObject
     noted_at: float
     rows: int
+    text: str
     mark: int
 
 
 def encode(item: WorldObject, digits: int = 7, text: str = "") -> tuple[Any, ...]:
-    """Values for `COLUMNS`. digits : of attributes' probabilities. text : in place of the attributes."""
+    """Values for `COLUMNS`. digits : of attributes' probabilities. text : of the attributes, where it is known."""
     numbers = b"".join(
         np.asarray(array, "<f8").tobytes()
         for array in (item.position, item.velocity, item.covariance, item.process_noise)
     )
     state = float(item.existence), bool(item.lost), float(item.last_seen), float(item.first_seen)
-    attributes = {
-        name: {value: round(p, digits) for value, p in values.items() if p > CERTAIN}  # not what is excluded
-        for name, values in item.attributes.items()
-    }
-    text = text or json.dumps(attributes, separators=(",", ":"))
     region = None if item.region is None else json.dumps(item.region)
+    text = text or _attributes_text(item.attributes, digits)
     return numbers, *state, text, behaviors_text(item), region
+
+
+def _attributes_text(attributes: Mapping[str, Mapping[str, float]], digits: int) -> str:
+    """JSON of attribute distributions; values that are practically excluded are left out."""
+    told = {
+        name: {value: round(p, digits) for value, p in values.items() if p > CERTAIN}
+        for name, values in attributes.items()
+    }
+    return json.dumps(told, separators=(",", ":"))
 
 
 def decode(object_id: str, row: tuple[Any, ...]) -> WorldObject:
