@@ -52,7 +52,7 @@ class DemoRun:
     """What the replay came to.
 
     account : whereabouts.nodes.runtime.replayer.ReplayAccount. told :
-    whereabouts.nodes.live.demo_director.Account, None where nothing was asked. usage : by full name of the node.
+    evaluation.demo.live.demo_director.Account, None where nothing was asked. usage : by full name of the node.
     """
 
     account: Any

@@ -9,8 +9,8 @@ from pathlib import Path
 from evaluation.demo.demo_report import DemoRun
 from evaluation.demo.demo_suite import BESIDE, RECORDED, parameters, shipped_parameters, shipped_remappings
 from evaluation.demo.files import begin_in
+from evaluation.demo.live.demo_director import Director
 from whereabouts.logs import RawMessage
-from whereabouts.nodes.live.demo_director import Director
 from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
 from whereabouts.nodes.runtime.supervisor import SuiteError
 from whereabouts.simulation.home.apartment_bag import START

@@ -8,8 +8,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from evaluation.demo.live.live_robot import LiveRobot, SearchRequest
 from evaluation.demo.live.live_story import Script, Teller
-from whereabouts.nodes.live.live_robot import LiveRobot, SearchRequest
 from whereabouts.simulation.home.apartment_bag import START
 from whereabouts.simulation.home.apartment_day import THINGS
 from whereabouts.simulation.home.live_apartment import ASKED

@@ -33,7 +33,15 @@ WITH_EVALUATION = ("whereabouts/cli",)
 ROS = re.compile(
     r"(rclpy|rosidl\w*|ament_\w+|\w+_msgs|\w+_interfaces|std_srvs|tf2_ros|launch|launch_ros|rosbag2_py)(\.|$)"
 )
-LIVE = ("whereabouts/nodes", "test/system", "launch", "bench", "evaluation/chaos", "evaluation/repeats.py")
+LIVE = (
+    "whereabouts/nodes",
+    "test/system",
+    "launch",
+    "bench",
+    "evaluation/chaos",
+    "evaluation/demo/live",
+    "evaluation/repeats.py",
+)
 # Commands that need a live graph reach it through whereabouts.nodes, inside the function that needs it.
 COMMANDS = "whereabouts/cli"
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from evaluation.demo.demo_suite import RECORDED
 from evaluation.demo.files import begin_in
 from evaluation.demo.live.live_log import LiveLog
+from evaluation.demo.live.live_robot import LiveRobot
 from evaluation.demo.live.live_story import Script, Story, Teller
 from evaluation.demo.live.live_suite import live_parameters
 from evaluation.demo.replay import CLOCK_PERIOD
 from whereabouts.node_interfaces import interfaces_of
-from whereabouts.nodes.live.live_robot import LiveRobot
 from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
 from whereabouts.simulation.home.live_apartment import LiveDay
 

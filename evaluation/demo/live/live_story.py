@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evaluation.demo.belief_judging import JudgedBeliefs, judged
-from whereabouts.nodes.live.live_robot import DriveGoal, LiveRobot, SearchRequest
+from evaluation.demo.live.live_robot import DriveGoal, LiveRobot, SearchRequest
 from whereabouts.simulation.home.apartment_bag import START
 from whereabouts.simulation.home.apartment_day import MOVED, THINGS, TICKS
 from whereabouts.simulation.home.live_apartment import ARM, ASKED, GLANCE, REACH, STARE, tour

@@ -1,1 +1,1 @@
-"""What looks at or acts on the running graph: console, demo, questions."""
+"""What looks at or acts on the running graph: console, questions, actions."""
