@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from evaluation.scenes.labelled_pairs import labelled
+from evaluation.scenes.scan_pairs import free_pose
 from registration.crf import JointModel
 from registration.crf.online import ScanSegmenter
 from whereabouts.simulation import Lidar, random_room
 from whereabouts.simulation.movers import crowd, outlines
-from whereabouts.simulation.scenes.labelled_pairs import labelled
-from whereabouts.simulation.scenes.scan_pairs import free_pose
 from whereabouts.simulation.shapes import joined
 
 READY = """

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from evaluation.scenes.people_scenes import crowded_room
 from tracking import PeopleTracker
 from tracking.people.people_warm_up import warm_up
 from whereabouts.simulation import Lidar
-from whereabouts.simulation.scenes.people_scenes import crowded_room
 
 
 def main() -> None:

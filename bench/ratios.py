@@ -33,12 +33,12 @@ from evaluation.experiments.odometry import simulated_floor
 from evaluation.peers.nearest_neighbour import NearestNeighbour
 from evaluation.peers.point_to_line import PointToLine, match
 from evaluation.peers.stone_soup_phd import StoneSoupPhd
+from evaluation.scenes.people_scenes import crowded_room
+from evaluation.scenes.scan_pairs import EASY, random_pair
 from loop_closure import AdaBoost
 from registration import Odometry, align
 from tracking import ExtendedTargetPhd, PeopleTracker
 from whereabouts.simulation import Lidar
-from whereabouts.simulation.scenes.people_scenes import crowded_room
-from whereabouts.simulation.scenes.scan_pairs import EASY, random_pair
 
 KEPT = Path(__file__).with_suffix(".json")
 TURNS = 15

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from evaluation.anchoring.identities import IdentityScore
+from evaluation.scenes.ants import AntScene
 from whereabouts.simulation.objects import ObjectScene, Thing, in_view, scattered
-from whereabouts.simulation.scenes.ants import AntScene
 from world_model import WorldModel, WorldModelConfig
 
 ROOM = ((-2.5, 2.5), (-2.5, 2.5), (0.0, 1.5))

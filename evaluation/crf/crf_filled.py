@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from evaluation.report import Report, RunOptions
+from evaluation.scenes.labelled_pairs import SICK, LabelledPair, labelled
+from evaluation.scenes.streets import SCENES
 from registration.crf import JointModel
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.movers import Mover
-from whereabouts.simulation.scenes.labelled_pairs import SICK, LabelledPair, labelled
-from whereabouts.simulation.scenes.streets import SCENES
 from whereabouts.system.progress import track
 
 LIDARS = (SICK, Lidar(541, np.deg2rad(270.0)), Lidar(361, 2.0 * np.pi * 360 / 361))

@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 from estimation.checks import FloatArray
 from estimation.learning.boosting import AdaBoost
 from estimation.learning.gradient_boosting import GradientBoosting
+from evaluation.scenes.labelled_pairs import LabelledPair
 from registration.crf.as_printed import PrintedCrf, all_states, least_of
 from registration.crf.as_printed_messages import FEATURES, log_score
 from registration.crf.beam_evidence import evidence
@@ -21,7 +22,6 @@ from registration.crf.beams import Beams, beams_of
 from registration.crf.labels import groups_as_labels
 from registration.crf.setup import start
 from registration.crf.shape_features import pair_features
-from whereabouts.simulation.scenes.labelled_pairs import LabelledPair
 
 TREES, DEPTH = 150, 6
 MOST_POINTS = 100  # of a pair, that the trees learn from

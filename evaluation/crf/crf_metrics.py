@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from estimation.geometry.poses import wrap_angle
+from evaluation.scenes.labelled_pairs import LabelledPair
 from registration.crf.estimate import JointEstimate
-from whereabouts.simulation.scenes.labelled_pairs import LabelledPair
 
 RIGHT = 0.5  # of an object's beams, and of its cluster's, from which it is correctly clustered
 

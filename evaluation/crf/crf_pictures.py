@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from estimation.checks import FloatArray
 from estimation.geometry.poses import compound, transform_points
 from evaluation.drawing import saved
+from evaluation.scenes.labelled_pairs import LabelledPair
 from registration.laser.scan import Scan
-from whereabouts.simulation.scenes.labelled_pairs import LabelledPair
 
 SHADES = ("lightgray", "darkgray", "dimgray", "tab:blue")  # of scans, the latest in blue
 MARGIN = 1.0  # metres around the movers that are magnified

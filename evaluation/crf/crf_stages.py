@@ -11,12 +11,12 @@ from estimation.geometry.poses import compound
 from evaluation.crf.crf_metrics import Scores, f1_of, scores
 from evaluation.parallel import each
 from evaluation.report import Report, RunOptions
+from evaluation.scenes.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
 from registration.crf import JointModel
 from registration.crf.as_printed import PrintedCrf
 from registration.crf.estimate import JointEstimate, nothing
 from registration.crf.setup import start
 from registration.crf.window import segment
-from whereabouts.simulation.scenes.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
 
 STAGES = ("start", "+ chains", "+ joint", "+ trees", "+ window")
 SCENES = ("street protocol", "free streets", "halls", "offices", "crowds")

@@ -7,18 +7,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from evaluation.crf.crf_learning import learned_printed, learned_trees
-from registration.crf.as_printed import PrintedCrf
-from registration.crf.joint_model import JointModel
-from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.movers import Mover, outlines
-from whereabouts.simulation.scenes.labelled_pairs import (
+from evaluation.scenes.labelled_pairs import (
     CROWD,
     INTERVALS,
     LabelledPair,
     labelled,
     protocol,
 )
-from whereabouts.simulation.scenes.streets import SCENES, traffic
+from evaluation.scenes.streets import SCENES, traffic
+from registration.crf.as_printed import PrintedCrf
+from registration.crf.joint_model import JointModel
+from whereabouts.simulation.lidar import Lidar
+from whereabouts.simulation.movers import Mover, outlines
 from whereabouts.simulation.shapes import Shapes, circle, joined
 from whereabouts.system.progress import track
 

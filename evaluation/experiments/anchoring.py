@@ -28,7 +28,7 @@ from evaluation.anchoring.anchoring_scenes import AntRun, ants, known, play, sce
 from evaluation.anchoring.anchoring_table import ambiguous_cups, dynamic_table
 from evaluation.drawing import saved
 from evaluation.report import Part, Printed, Report, RunOptions
-from whereabouts.simulation.scenes.ants import AntScene
+from evaluation.scenes.ants import AntScene
 from whereabouts.system.progress import track
 from world_model import WorldModel
 

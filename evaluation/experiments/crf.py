@@ -15,13 +15,13 @@ from evaluation.crf.crf_recordings import recordings
 from evaluation.crf.crf_stages import NEAREST, stages
 from evaluation.parallel import each
 from evaluation.report import Figure, Part, Printed, Report, RunOptions, heading
+from evaluation.scenes.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
 from registration import Scan, align
 from registration.crf import JointEstimate, JointModel
 from registration.crf.as_printed import PrintedCrf
 from registration.crf.estimate import nothing
 from registration.crf.setup import Start, start
 from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.scenes.labelled_pairs import LabelledPair, protocol, random_labelled_pairs
 
 Inference = Callable[[Scan, Scan, Start | None], JointEstimate]
 PRINTED = ("ICP, K-means", "CRF-Matching, K-means", "CRF-Matching, CRF-Clustering", "joint CRF")

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from evaluation.drawing import saved
 from evaluation.maintenance import maintenance_scenes as scenes
 from evaluation.maintenance.maintenance_printed import PrintedRule, PrintedRun, simulate
+from evaluation.maintenance.maintenance_world import RoomPlan, TourAccount, fixed_path, maintained
 from evaluation.parallel import each
 from evaluation.report import Part, Report, RunOptions
-from whereabouts.simulation.scenes.maintenance_world import RoomPlan, TourAccount, fixed_path, maintained
 from whereabouts.system.progress import track
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import MaintenanceConfig
@@ -349,7 +349,7 @@ def _draw(
 
 def _draw_paths(out: Path, report: Report, seed: int) -> None:
     """Figure 3.5: where the robot drives in 100 s."""
-    from whereabouts.simulation.scenes.maintenance_world import MaintenanceRoom
+    from evaluation.maintenance.maintenance_world import MaintenanceRoom
 
     things = MaintenanceRoom(PLAN, seed).positions
     steps = int(100.0 / PLAN.time_step)

@@ -23,12 +23,12 @@ from evaluation.peers.point_to_line import PointToLine
 from evaluation.registration.odometry_people import WithoutMovers, drive_among, with_wheels
 from evaluation.registration.odometry_wheels import FAULTS, with_faults
 from evaluation.report import Part, Report, RunOptions, Table
+from evaluation.scenes.people_scenes import peopled_floor
+from evaluation.scenes.small_robot import SHORT_RANGE, flat, way
 from registration import Odometry, OdometryConfig
 from whereabouts.logs import OdometryRecord, ScanRecord, open_log
 from whereabouts.recorded.follow import follow as follow_log
 from whereabouts.simulation import Drive, Lidar, Shapes, Wheels, random_floor
-from whereabouts.simulation.scenes.people_scenes import peopled_floor
-from whereabouts.simulation.small_robot import SHORT_RANGE, flat, way
 from whereabouts.system.progress import track
 
 Array = NDArray[np.float64]

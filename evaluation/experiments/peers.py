@@ -27,6 +27,8 @@ from evaluation.peers.stone_soup_phd import StoneSoupPhd
 from evaluation.phd.phd_recorded import config_of
 from evaluation.registration.registration_data import read_ply
 from evaluation.report import Part, Report, RunOptions
+from evaluation.scenes.outdoor import SpinningLidar, random_neighbourhood, round_trip
+from evaluation.scenes.scan_pairs import free_pose
 from loop_closure import features_2d, pair_features
 from loop_closure.slam.trajectory import Slam
 from registration import Odometry, OdometryConfig, align
@@ -34,8 +36,6 @@ from tracking import ExtendedTargetPhd
 from tracking.tracker_evaluation import positions
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.rooms import random_room
-from whereabouts.simulation.scenes.outdoor import SpinningLidar, random_neighbourhood, round_trip
-from whereabouts.simulation.scenes.scan_pairs import free_pose
 
 Array = NDArray[np.float64]
 ROUND = "200 clouds along 206 m. Local maps of KISS-SLAM are 100 m long by default: there are few to close loops with."

@@ -27,9 +27,7 @@ from evaluation.people.people_marked import MARKED, marked_legs
 from evaluation.people.people_picture import hidden_episodes, picture
 from evaluation.people.people_sensitivity import sensitivity
 from evaluation.report import Part, Report, RunOptions
-from tracking.people.people_tracker import PeopleTracker
-from whereabouts.simulation.home.apartment_day import SCAN_RATE
-from whereabouts.simulation.scenes.occlusion_scenes import (
+from evaluation.scenes.occlusion_scenes import (
     BODIES,
     LAYOUTS,
     MOTIONS,
@@ -38,7 +36,9 @@ from whereabouts.simulation.scenes.occlusion_scenes import (
     occlusions,
     to_and_fro,
 )
-from whereabouts.simulation.scenes.people_scenes import crossing, crowded_room, hidden
+from evaluation.scenes.people_scenes import crossing, crowded_room, hidden
+from tracking.people.people_tracker import PeopleTracker
+from whereabouts.simulation.home.apartment_day import SCAN_RATE
 from whereabouts.system.progress import track
 
 FOLLOWING = "person_following_outdoor_1.bag.zip"

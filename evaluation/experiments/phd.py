@@ -17,7 +17,7 @@ from evaluation.phd import phd_monte_carlo as monte_carlo
 from evaluation.phd import phd_partitions as partitions
 from evaluation.phd import phd_recorded as recorded
 from evaluation.report import Part, Printed, Report, RunOptions
-from whereabouts.simulation.scenes.hidden_people import PERIOD
+from evaluation.scenes.hidden_people import PERIOD
 
 # What is compared, by the name it has in the tables.
 PRINTED = hiding.PRINTED

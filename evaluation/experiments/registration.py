@@ -1,7 +1,7 @@
 """Pairwise, global and spatial registration: success, accuracy, time and honesty beside other libraries.
 
 Simulated rooms (σ = 1 cm), zero initial guess; success is less than 5 cm and 1° off. The pairs are those of
-`whereabouts.simulation.scenes.scan_pairs`: easy up to 0.2 m and 10°, hard up to 0.6 m and 35°, crowded as easy
+`evaluation.scenes.scan_pairs`: easy up to 0.2 m and 10°, hard up to 0.6 m and 35°, crowded as easy
 with 8 moving people and things. Recorded clouds (`scans_3d`) are registered from identity and after a random turn.
 """
 
@@ -20,6 +20,8 @@ from evaluation.registration.registration_data import read_3dtk, read_ply
 from evaluation.registration.registration_others import extruded_gicp, kiss_icp, open3d_point_to_plane
 from evaluation.registration.registration_pictures import draw_cloud, draw_icp, draw_uncertainty
 from evaluation.report import Part, Report, RunOptions, slug
+from evaluation.scenes.labelled_pairs import random_labelled_pairs
+from evaluation.scenes.scan_pairs import CROWDED, EASY, HARD, Pair, free_pose, random_pair
 from registration import Registration, Scan, align, align_globally
 from registration.laser.prepared import prepared
 from registration.placement.align import agreements, settle
@@ -28,8 +30,6 @@ from registration.placement.judgement import judged
 from registration.placement.refine import refine
 from whereabouts.simulation import Lidar, corridor, random_room
 from whereabouts.simulation.robot import relative
-from whereabouts.simulation.scenes.labelled_pairs import random_labelled_pairs
-from whereabouts.simulation.scenes.scan_pairs import CROWDED, EASY, HARD, Pair, free_pose, random_pair
 from whereabouts.system.progress import track
 
 LIDARS = {

@@ -18,7 +18,7 @@ from estimation.geometry.places import Places
 from evaluation.drawing import saved
 from evaluation.parallel import each
 from evaluation.report import Part, Report, RunOptions
-from whereabouts.simulation.scenes.recipe_rooms import (
+from evaluation.scenes.recipe_rooms import (
     RECIPE_SIZE,
     SMALLS,
     RecipeRoom,
@@ -27,7 +27,7 @@ from whereabouts.simulation.scenes.recipe_rooms import (
     recipe_room,
     swept,
 )
-from whereabouts.simulation.scenes.search_homes import (
+from evaluation.scenes.search_homes import (
     CLEARANCE,
     FOUND,
     STRIDE,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from estimation.metrics.statistics import absolute_trajectory_error
 from evaluation.experiments.odometry import CORRECTED, NEEDS, RAW
 from evaluation.report import Part, Printed, Report, RunOptions, Table
+from evaluation.scenes.outdoor import SpinningLidar, random_neighbourhood, round_trip
 from evaluation.slam import (
     slam_as_node,
     slam_in_map,
@@ -46,7 +47,6 @@ from loop_closure.graph.esdf import EsdfGraph
 from loop_closure.graph.pose_graph import PoseGraph, SmoothedGraph
 from loop_closure.slam.trajectory import Slam
 from registration import Odometry
-from whereabouts.simulation.scenes.outdoor import SpinningLidar, random_neighbourhood, round_trip
 from whereabouts.system.progress import track
 
 Array = NDArray[np.float64]

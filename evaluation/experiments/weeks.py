@@ -17,8 +17,8 @@ import numpy as np
 
 from evaluation.demo.live.live_suite import library_settings, placed
 from evaluation.report import Part, Report, RunOptions
+from evaluation.scenes.household_weeks import CARRIED, DAY, HOUR, MINUTE, Weeks
 from whereabouts.simulation.home.apartment_day import THINGS
-from whereabouts.simulation.home.household_weeks import CARRIED, DAY, HOUR, MINUTE, Weeks
 from whereabouts.system.progress import track
 from world_model import WorldModel, WorldObject
 from world_model.memory.store import Store

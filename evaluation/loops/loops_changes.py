@@ -14,9 +14,9 @@ from evaluation.drawing import saved
 from evaluation.loops.loops_data import MAX_RANGE
 from evaluation.loops.place_training import Recording
 from evaluation.report import Report, RunOptions
+from evaluation.scenes.scan_pairs import free_pose
 from loop_closure import PlaceFeatures, PlaceModel, features_2d, pair_features, shipped_model
 from whereabouts.simulation import Lidar, crowd, joined, outlines, random_room
-from whereabouts.simulation.scenes.scan_pairs import free_pose
 
 EDGES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
 

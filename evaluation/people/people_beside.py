@@ -20,12 +20,12 @@ from evaluation.people.people_yardsticks import (
     nobody_there,
 )
 from evaluation.report import Report, RunOptions
-from tracking.people.people_tracker import PeopleTracker
-from whereabouts.simulation.scenes.occlusion_scenes import (
+from evaluation.scenes.occlusion_scenes import (
     one_hardly_moves,
 )
-from whereabouts.simulation.scenes.people_scenes import PeopleScene, empty_floor, peopled_floor
-from whereabouts.simulation.small_robot import SHORT_RANGE
+from evaluation.scenes.people_scenes import PeopleScene, empty_floor, peopled_floor
+from evaluation.scenes.small_robot import SHORT_RANGE
+from tracking.people.people_tracker import PeopleTracker
 from whereabouts.system.progress import track
 
 CSAIL, FREIBURG, INTEL = "carmen/mit-csail.clf.bz2", "carmen/fr079.clf.bz2", "carmen/intel.clf.bz2"

@@ -23,13 +23,7 @@ from estimation.geometry.poses import compound, inverse
 from estimation.learning.gradient_boosting import GradientBoosting
 from evaluation.parallel import each
 from evaluation.people.people_training import marks_of
-from registration.laser.scan import Scan
-from tracking.people.people_tracker import PeopleTracker, Person
-from tracking.people.person_class import CARD, MODEL, NAMES, ClassModel
-from whereabouts.datasets import data_directory
-from whereabouts.logs import open_log
-from whereabouts.recorded.people_tracks import track_people
-from whereabouts.simulation.scenes.occlusion_scenes import (
+from evaluation.scenes.occlusion_scenes import (
     BODIES,
     LAYOUTS,
     MOTIONS,
@@ -37,8 +31,14 @@ from whereabouts.simulation.scenes.occlusion_scenes import (
     occlusions,
     one_hardly_moves,
 )
-from whereabouts.simulation.scenes.people_scenes import PeopleScene, crowded_room, empty_floor, peopled_floor
-from whereabouts.simulation.scenes.varied_floors import disturbed, things_stand_about, varied_floor
+from evaluation.scenes.people_scenes import PeopleScene, crowded_room, empty_floor, peopled_floor
+from evaluation.scenes.varied_floors import disturbed, things_stand_about, varied_floor
+from registration.laser.scan import Scan
+from tracking.people.people_tracker import PeopleTracker, Person
+from tracking.people.person_class import CARD, MODEL, NAMES, ClassModel
+from whereabouts.datasets import data_directory
+from whereabouts.logs import open_log
+from whereabouts.recorded.people_tracks import track_people
 
 Array = npt.NDArray[np.float64]
 SEED = 1000  # no scene that judges is drawn from it

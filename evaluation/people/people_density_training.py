@@ -18,6 +18,9 @@ import numpy.typing as npt
 
 from estimation.errors import InputError
 from evaluation.people.people_class_training import SEED, undecided
+from evaluation.scenes.occlusion_scenes import BODIES, LAYOUTS, MOTIONS, OcclusionKind, occlusions
+from evaluation.scenes.people_scenes import PeopleScene, crowded_room
+from evaluation.scenes.varied_floors import varied_floor
 from registration.laser.scan import Scan
 from tracking.people.cluster_model import DENSITIES, KINDS, kinds_of
 from tracking.people.free_space import Background
@@ -25,9 +28,6 @@ from tracking.people.people_tracker import PERIOD, PeopleTracker
 from whereabouts.datasets import data_directory
 from whereabouts.logs import open_log
 from whereabouts.recorded.people_tracks import track_people
-from whereabouts.simulation.scenes.occlusion_scenes import BODIES, LAYOUTS, MOTIONS, OcclusionKind, occlusions
-from whereabouts.simulation.scenes.people_scenes import PeopleScene, crowded_room
-from whereabouts.simulation.scenes.varied_floors import varied_floor
 from whereabouts.system.progress import track
 
 Array = npt.NDArray[np.float64]

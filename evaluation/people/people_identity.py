@@ -17,13 +17,13 @@ from scipy.optimize import minimize
 from estimation.checks import FloatArray
 from estimation.geometry.poses import compound
 from evaluation.report import Report, RunOptions
+from evaluation.scenes.occlusion_scenes import LAYOUTS, MOTIONS, OcclusionKind, occlusions
+from evaluation.scenes.people_scenes import crowded_room, peopled_floor
 from registration.laser.scan import Scan
 from tracking.mixture.target import Target
 from tracking.people.identity import AwayPerson, Name, ReturningPeople, Walking
 from tracking.people.people_tracker import PeopleTracker
 from whereabouts.simulation.home.apartment_day import LASER_MOUNT, ApartmentDay
-from whereabouts.simulation.scenes.occlusion_scenes import LAYOUTS, MOTIONS, OcclusionKind, occlusions
-from whereabouts.simulation.scenes.people_scenes import crowded_room, peopled_floor
 
 NEAR = 0.6  # m from a true person within which a target is that one
 SEED = 1600  # register of seeds to learn from; those to judge on begin at JUDGED

@@ -13,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 
 from estimation.geometry.poses import compound
 from estimation.metrics.statistics import ospa
+from evaluation.scenes.people_scenes import PeopleScene
 from tracking.mixture.components import Components
 from tracking.mixture.phd_models import Sight
 from tracking.people.cluster_model import ScanDetection
@@ -20,7 +21,6 @@ from tracking.people.people_tracker import PeopleTracker, Person
 from whereabouts.logs import Log, MessageRecord, Record, ScanRecord, open_log
 from whereabouts.recorded.people_tracks import track_people
 from whereabouts.simulation.home.apartment_day import LASER_MOUNT, SCAN_RATE, ApartmentDay
-from whereabouts.simulation.scenes.people_scenes import PeopleScene
 
 Array = NDArray[np.float64]
 GATE = 0.75  # metres between a label and the person it is of

@@ -11,12 +11,12 @@ import numpy as np
 
 from evaluation.people.people_yardsticks import measure
 from evaluation.report import Report, RunOptions
+from evaluation.scenes.occlusion_scenes import one_hardly_moves, to_and_fro
+from evaluation.scenes.people_scenes import PeopleScene, peopled_floor
 from tracking.people import cluster_model, person_class
 from tracking.people import people_tracker as people
 from tracking.people.people_config import PeopleConfig
 from tracking.people.people_tracker import PeopleTracker
-from whereabouts.simulation.scenes.occlusion_scenes import one_hardly_moves, to_and_fro
-from whereabouts.simulation.scenes.people_scenes import PeopleScene, peopled_floor
 from whereabouts.system.progress import track
 
 FACTORS = (0.7, 1.4)

@@ -18,12 +18,12 @@ from scipy.optimize import linear_sum_assignment
 from estimation.metrics.statistics import ospa
 from evaluation.peers.nearest_neighbour import NearestNeighbour
 from evaluation.people.people_judging import RETURNS
+from evaluation.scenes.people_scenes import PeopleScene
 from registration.laser.scan import Scan
 from tracking.mixture.target import Target
 from tracking.people.people_tracker import PeopleTracker
 from whereabouts.logs import open_log
 from whereabouts.recorded.people_tracks import track_people
-from whereabouts.simulation.scenes.people_scenes import PeopleScene
 
 Array = npt.NDArray[np.float64]
 NEAR = 0.75  # m between a person and its estimate

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from evaluation.drawing import saved
+from evaluation.scenes.hidden_people import ENTRY, PERIOD, POSE, RANGE, hidden_person
 from tracking import ExtendedTargetPhd, PhdConfig
-from whereabouts.simulation.scenes.hidden_people import ENTRY, PERIOD, POSE, RANGE, hidden_person
 
 # Table 1, experiments: standard deviation σ = 0.1 m, γ = 12, spawn 0.01.
 BIRTHS = ((-9.0, 8.0), (-3.0, 11.0), (3.0, 11.0), (9.0, 8.0), (8.0, 3.0))

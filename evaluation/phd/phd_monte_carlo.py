@@ -11,14 +11,14 @@ from matplotlib.figure import Figure
 
 from evaluation.drawing import saved
 from evaluation.phd.target_scores import Score, labels_kept
-from tracking import ExtendedTargetPhd, PhdConfig
-from whereabouts.simulation.scenes.targets import (
+from evaluation.scenes.targets import (
     TargetScene,
     TargetSensor,
     cross_and_spawn,
     crossing,
     side_by_side,
 )
+from tracking import ExtendedTargetPhd, PhdConfig
 
 SENSOR = TargetSensor()
 SCENES = {"crossing and spawning": cross_and_spawn, "side by side": side_by_side}

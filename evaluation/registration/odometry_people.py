@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import compound
+from evaluation.scenes.people_scenes import PeopleScene
 from registration import Odometry, Scan
 from registration.crf.online import ScanSegmenter
 from whereabouts.logs import ScanRecord
 from whereabouts.simulation import Wheels
-from whereabouts.simulation.scenes.people_scenes import PeopleScene
 
 Array = NDArray[np.float64]
 

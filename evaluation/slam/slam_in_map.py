@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from evaluation.report import Report, RunOptions
-from loop_closure.keyframes import Keyframes
-from loop_closure.maps.localization import Localizer
-from loop_closure.slam.trajectory import Slam
-from whereabouts.simulation.scenes.outdoor import (
+from evaluation.scenes.outdoor import (
     Neighbourhood,
     SpinningLidar,
     random_neighbourhood,
     round_trip,
 )
+from loop_closure.keyframes import Keyframes
+from loop_closure.maps.localization import Localizer
+from loop_closure.slam.trajectory import Slam
 from whereabouts.system.progress import track
 
 Array = NDArray[np.float64]

@@ -10,12 +10,12 @@ import pytest
 from typer.testing import CliRunner
 
 from estimation.geometry.poses import between, pose_to_matrix
+from evaluation.scenes.small_robot import record
 from registration import Scan
 from whereabouts.cli.main import app
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, TransformRecord, open_log, read_tum
 from whereabouts.parameter_file import ParameterFileError, parameters_for, settings_for
 from whereabouts.robot.robot_log import RobotLog
-from whereabouts.simulation.small_robot import record
 
 runner = CliRunner()
 

@@ -14,6 +14,7 @@ from mcap.writer import Writer
 from typer.testing import CliRunner, Result
 
 from estimation.geometry.poses import pose_to_matrix
+from evaluation.scenes.small_robot import Naming, record
 from registration import Scan
 from whereabouts.cli.main import app
 from whereabouts.logs import (
@@ -35,7 +36,6 @@ from whereabouts.robot.findings import findings
 from whereabouts.robot.preset import preset, preset_names
 from whereabouts.robot.robot_file import as_text
 from whereabouts.robot.survey import Survey
-from whereabouts.simulation.small_robot import Naming, record
 from whereabouts.suite_config import SuiteConfigError, read_config
 
 runner = CliRunner()

@@ -11,8 +11,8 @@ from evaluation.crf.crf_pictures import busiest, draw_associations, draw_cluster
 from evaluation.crf.crf_stages import LENGTH, STAGES, judged_run
 from evaluation.experiments.crf import BLIND, PRINTED, SAME, judged, techniques
 from evaluation.report import Report, RunOptions
+from evaluation.scenes.labelled_pairs import protocol, random_labelled_pairs
 from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.scenes.labelled_pairs import protocol, random_labelled_pairs
 
 
 def test_every_technique_is_judged_in_the_same_form() -> None:

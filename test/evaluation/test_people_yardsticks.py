@@ -11,10 +11,10 @@ import pytest
 from evaluation.peers.nearest_neighbour import NearestNeighbour, detections
 from evaluation.people.people_sensitivity import NUMBERS
 from evaluation.people.people_yardsticks import Yardstick, best_identities, matched, measure
+from evaluation.scenes.occlusion_scenes import one_hardly_moves
+from evaluation.scenes.people_scenes import PeopleScene, empty_floor
 from tracking.mixture.target import Target
 from whereabouts.simulation.people import Build, SimulatedWalker
-from whereabouts.simulation.scenes.occlusion_scenes import one_hardly_moves
-from whereabouts.simulation.scenes.people_scenes import PeopleScene, empty_floor
 from whereabouts.simulation.shapes import box
 
 

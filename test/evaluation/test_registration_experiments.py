@@ -9,12 +9,12 @@ from evaluation.experiments import odometry, registration
 from evaluation.peers.point_to_line import PointToLine
 from evaluation.registration.odometry_wheels import FAULTS, with_faults
 from evaluation.running import Run, run
+from evaluation.scenes.scan_pairs import EASY, random_pair
 from registration import align
 from whereabouts.datasets import recording
 from whereabouts.logs import open_log
 from whereabouts.simulation import Lidar
 from whereabouts.simulation.robot import relative
-from whereabouts.simulation.scenes.scan_pairs import EASY, random_pair
 
 
 def test_a_method_is_tallied_by_its_errors() -> None:

@@ -10,8 +10,8 @@ import pytest
 
 from estimation.geometry.places import Places
 from evaluation.experiments.weeks import VisitingRobot
+from evaluation.scenes.household_weeks import CARRIED, DAY, HOUR, IN_HAND, Weeks
 from whereabouts.simulation.home.floor_plan import places_file
-from whereabouts.simulation.home.household_weeks import CARRIED, DAY, HOUR, IN_HAND, Weeks
 
 
 @pytest.fixture(scope="module")

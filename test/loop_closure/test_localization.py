@@ -12,6 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from estimation.errors import InputError
 from estimation.geometry.poses import between, compound
+from evaluation.scenes.outdoor import (
+    Neighbourhood,
+    SpinningLidar,
+    random_neighbourhood,
+    round_trip,
+)
 from loop_closure.graph.uncertainty import window
 from loop_closure.keyframes import MOST, Keyframes
 from loop_closure.maps.localization import Localizer, Located
@@ -22,12 +28,6 @@ from loop_closure.slam.trajectory import Slam
 from registration import Scan
 from registration.placement.align_submaps import Placement, align_submaps
 from whereabouts.simulation import Drive, Lidar, Shapes, box, joined, random_floor
-from whereabouts.simulation.scenes.outdoor import (
-    Neighbourhood,
-    SpinningLidar,
-    random_neighbourhood,
-    round_trip,
-)
 
 ROUND = round_trip(200)  # about a metre apart
 MAPPED = 60

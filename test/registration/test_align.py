@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from estimation.errors import InputError
 from estimation.geometry.poses import compound, inverse, transform_points, wrap_angle
+from evaluation.scenes.scan_pairs import CROWDED, EASY, HARD, Difficulty, random_pair
 from registration import Registration, Scan, align
 from registration.laser.prepared import prepare
 from whereabouts.simulation import Lidar, box, corridor, joined
-from whereabouts.simulation.scenes.scan_pairs import CROWDED, EASY, HARD, Difficulty, random_pair
 
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
 

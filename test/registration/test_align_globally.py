@@ -6,11 +6,11 @@ import pytest
 from estimation.errors import InputError
 from estimation.geometry.poses import wrap_angle
 from evaluation.registration.registration_data import read_3dtk, read_ply
+from evaluation.scenes.scan_pairs import EASY, free_pose, random_pair
 from registration import align, align_globally
 from whereabouts.datasets import recording
 from whereabouts.simulation import Lidar, box, corridor, random_room
 from whereabouts.simulation.robot import relative
-from whereabouts.simulation.scenes.scan_pairs import EASY, free_pose, random_pair
 
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
 THREE_QUARTERS = Lidar(1081, np.deg2rad(270.0))

@@ -19,12 +19,12 @@ from evaluation.crf.crf_learning import (
     node_features,
 )
 from evaluation.crf.crf_metrics import scores
+from evaluation.scenes.labelled_pairs import protocol, random_labelled_pairs
 from registration.crf.as_printed import PrintedCrf, k_means
 from registration.crf.as_printed_messages import FEATURES, algorithm_1, log_score
 from registration.crf.setup import start
 from registration.laser.rigid import rigid_motion
 from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.scenes.labelled_pairs import protocol, random_labelled_pairs
 
 N, M, D = 5, 3, 3
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from estimation.geometry.sight import AGREES, THROUGH
+from evaluation.scenes.labelled_pairs import SICK, LabelledPair, random_labelled_pairs
 from registration.crf.beams import beams_of, nearness, seen_by
 from registration.crf.displacement import _explained, _nearest
-from whereabouts.simulation.scenes.labelled_pairs import SICK, LabelledPair, random_labelled_pairs
 
 
 @pytest.fixture(scope="module")

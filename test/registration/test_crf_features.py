@@ -8,13 +8,13 @@ from numpy.testing import assert_allclose
 
 from estimation.geometry.sight import AGREES, HIDDEN, THROUGH, UNSEEN
 from evaluation.crf.crf_metrics import edit_distance, renumbered
+from evaluation.scenes.labelled_pairs import protocol, random_labelled_pairs
 from registration import Scan
 from registration.crf.beams import beams_of, first_look, seen_by
 from registration.crf.shape_features import NAMES, pair_features
 from registration.laser.outline import CLEAR
 from registration.laser.rigid import rigid_motion
 from whereabouts.simulation import Lidar, box, joined
-from whereabouts.simulation.scenes.labelled_pairs import protocol, random_labelled_pairs
 
 ROOM = box(8.0, 6.0)
 

@@ -9,14 +9,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from evaluation.crf.crf_metrics import f1_of, scores
+from evaluation.scenes.labelled_pairs import protocol
+from evaluation.scenes.scan_pairs import free_pose
 from registration import Scan
 from registration.crf import JointEstimate, JointModel, setup
 from registration.crf.motion_hypotheses import hypotheses
 from registration.laser.prepared import prepare
 from registration.placement.align import among_movers
 from whereabouts.simulation import Lidar, Mover, SimulatedScan, box, joined, outlines, random_room
-from whereabouts.simulation.scenes.labelled_pairs import protocol
-from whereabouts.simulation.scenes.scan_pairs import free_pose
 
 LIDAR = Lidar(361, 2.0 * np.pi * 360 / 361)
 

@@ -7,12 +7,12 @@ import pytest
 
 from estimation.geometry.poses import between
 from evaluation.registration.odometry_people import WithoutMovers
+from evaluation.scenes.labelled_pairs import random_labelled_pairs
+from evaluation.scenes.people_scenes import peopled_floor
 from registration import Odometry
 from registration.crf import online
 from registration.crf.online import ScanSegmenter, SegmenterConfig
 from whereabouts.simulation import Drive, Lidar, Mover, joined, outlines, random_room
-from whereabouts.simulation.scenes.labelled_pairs import random_labelled_pairs
-from whereabouts.simulation.scenes.people_scenes import peopled_floor
 
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
 RATE = 10.0

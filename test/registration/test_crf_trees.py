@@ -13,6 +13,8 @@ from estimation.errors import InputError
 from estimation.geometry.sight import AGREES, THROUGH
 from evaluation.crf.crf_learning import learned_trees
 from evaluation.crf.crf_metrics import f1_of, scores
+from evaluation.scenes.labelled_pairs import LabelledPair, labelled, random_labelled_pairs
+from evaluation.scenes.scan_pairs import free_pose
 from registration import Scan
 from registration.crf import JointModel
 from registration.crf.beam_evidence import AROUND, FAR, LONG, NAMES, evidence
@@ -25,8 +27,6 @@ from registration.crf.window import decide, mean_probability
 from registration.laser.outline import CLEAR
 from whereabouts.simulation import Lidar, random_room
 from whereabouts.simulation.movers import crowd, outlines
-from whereabouts.simulation.scenes.labelled_pairs import LabelledPair, labelled, random_labelled_pairs
-from whereabouts.simulation.scenes.scan_pairs import free_pose
 from whereabouts.simulation.shapes import joined
 
 LIDAR = Lidar(361, 2.0 * np.pi * 360 / 361)

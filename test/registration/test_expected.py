@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from evaluation.scenes.labelled_pairs import random_labelled_pairs
 from registration.laser.prepared import PreparedScan, prepare
 from registration.placement import expected
 from registration.placement.align import among_movers
 from registration.placement.expected import near_expected
 from registration.result import UNKNOWN
-from whereabouts.simulation.scenes.labelled_pairs import random_labelled_pairs
 
 
 def outlines_of(seed: int, count: int) -> list[tuple[PreparedScan, PreparedScan, np.ndarray]]:

@@ -5,6 +5,7 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.geometry.poses import inverse, transform_points, wrap_angle
+from evaluation.scenes.scan_pairs import EASY, free_pose, random_pair
 from registration import align_globally
 from registration.laser.prepared import prepare
 from registration.placement.histograms import (
@@ -20,7 +21,6 @@ from registration.placement.histograms import (
 )
 from whereabouts.simulation import Lidar, random_room
 from whereabouts.simulation.robot import relative
-from whereabouts.simulation.scenes.scan_pairs import EASY, free_pose, random_pair
 
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)
 

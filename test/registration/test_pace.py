@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from evaluation.scenes.labelled_pairs import random_labelled_pairs
 from registration.crf.online import ScanSegmenter, SegmenterConfig
 from registration.odometry.pace import DURATIONS, Duration, Pace
 from whereabouts.simulation import Lidar
-from whereabouts.simulation.scenes.labelled_pairs import random_labelled_pairs
 
 ROUND = Lidar(beams=361, opening=2.0 * np.pi, range_max=25.0)
 

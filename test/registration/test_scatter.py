@@ -7,11 +7,11 @@ import pytest
 
 from estimation.geometry.poses import wrap_angle
 from estimation.metrics.statistics import anees_bounds
+from evaluation.scenes.scan_pairs import EASY, random_pair
 from registration import align
 from registration.placement.scatter import _sandwich
 from whereabouts.simulation import Lidar, corridor
 from whereabouts.simulation.robot import relative
-from whereabouts.simulation.scenes.scan_pairs import EASY, random_pair
 
 LIDARS = {
     "around": Lidar(361, 2.0 * np.pi * 360 / 361),

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from estimation.geometry.poses import between, compound, transform_points
+from evaluation.scenes.small_robot import SHORT_RANGE
 from registration.laser.prepared import NOISE
 from registration.laser.scan import Scan
 from registration.laser.surface import scan_surface
@@ -18,7 +19,6 @@ from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.robot import Drive, Wheels
 from whereabouts.simulation.rooms import random_floor
 from whereabouts.simulation.shapes import box
-from whereabouts.simulation.small_robot import SHORT_RANGE
 
 
 @pytest.mark.parametrize("share", [0.01, 0.3])

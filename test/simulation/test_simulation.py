@@ -8,6 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.errors import InputError
+from evaluation.scenes.people_scenes import peopled_floor
+from evaluation.scenes.scan_pairs import CROWDED, EASY, random_pair
+from evaluation.scenes.varied_floors import disturbed, things_stand_about, varied_floor
 from whereabouts.simulation import (
     Drive,
     Lidar,
@@ -25,9 +28,6 @@ from whereabouts.simulation import (
     random_room,
 )
 from whereabouts.simulation.robot import relative
-from whereabouts.simulation.scenes.people_scenes import peopled_floor
-from whereabouts.simulation.scenes.scan_pairs import CROWDED, EASY, random_pair
-from whereabouts.simulation.scenes.varied_floors import disturbed, things_stand_about, varied_floor
 
 angles = st.floats(-np.pi, np.pi)
 

@@ -87,7 +87,7 @@ from numba.core.dispatcher import Dispatcher
 import numpy as np
 from tracking.people.people_warm_up import warm_up
 from tracking.people.scan_filters import tracker_of
-from whereabouts.simulation.scenes.people_scenes import crowded_room
+from evaluation.scenes.people_scenes import crowded_room
 
 def tracks(item):
     return item.py_func.__module__.split(".")[0] in ("tracking", "registration", "estimation")

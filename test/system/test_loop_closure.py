@@ -25,6 +25,8 @@ from estimation.geometry.poses import (
     pose_to_quaternion,
 )
 from estimation.metrics.statistics import absolute_trajectory_error
+from evaluation.scenes.outdoor import SpinningLidar, random_neighbourhood
+from evaluation.scenes.outdoor import round_trip as street_round
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, TransformRecord, open_raw
 from whereabouts.nodes.messages.conversions import cloud_message, fill_pose, spatial
 from whereabouts.nodes.messages.message_types import message_class
@@ -34,8 +36,6 @@ from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
 from whereabouts.nodes.runtime.supervisor import NodeSpec
 from whereabouts.simulation import Drive, Lidar, Shapes, Wheels, box, joined
-from whereabouts.simulation.scenes.outdoor import SpinningLidar, random_neighbourhood
-from whereabouts.simulation.scenes.outdoor import round_trip as street_round
 from whereabouts_msgs.msg import LoopClosure, Processed
 from whereabouts_msgs.srv import LoadMap, SaveMap
 

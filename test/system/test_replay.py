@@ -274,8 +274,8 @@ def test_a_bag_of_a_robot_with_a_namespace_is_replayed_in_it_and_silence_is_told
 ) -> None:
     from typer.testing import CliRunner
 
+    from evaluation.scenes.small_robot import Naming, record
     from whereabouts.cli.main import app
-    from whereabouts.simulation.small_robot import Naming, record
 
     plain, bag, out = tmp_path / "plain.mcap", tmp_path / "robot1.mcap", tmp_path / "out.mcap"
     record(plain, Naming(), duration=2.0)

@@ -16,13 +16,13 @@ from tf2_msgs.msg import TFMessage
 from typer.testing import CliRunner
 
 from estimation.geometry.poses import between, compound, pose_from_matrix
+from evaluation.scenes.small_robot import record
 from whereabouts.cli.main import app
 from whereabouts.logs import TransformRecord, open_log
 from whereabouts.nodes.messages.conversions import fill_pose, spatial
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.ros.qos import TF_STATIC_QOS
-from whereabouts.simulation.small_robot import record
 
 PLANAR = [0, 1, 5]
 

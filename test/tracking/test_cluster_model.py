@@ -11,6 +11,15 @@ from estimation.errors import InputError
 from estimation.learning.gradient_boosting import GradientBoosting
 from evaluation.people.people_density_training import likeliest
 from evaluation.people.people_yardsticks import measure
+from evaluation.scenes.occlusion_scenes import (
+    BODIES,
+    LAYOUTS,
+    MOTIONS,
+    OcclusionKind,
+    occlusions,
+    one_hardly_moves,
+)
+from evaluation.scenes.people_scenes import PeopleScene
 from registration.laser.scan import Scan
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import ConstantVelocityMotion, Labels
@@ -23,15 +32,6 @@ from tracking.people.people_tracker import PeopleTracker
 from tracking.people.person_class import NAMES, ClassModel
 from whereabouts.simulation import Drive, Lidar, box, circle, joined
 from whereabouts.simulation.people import Build, SimulatedWalker
-from whereabouts.simulation.scenes.occlusion_scenes import (
-    BODIES,
-    LAYOUTS,
-    MOTIONS,
-    OcclusionKind,
-    occlusions,
-    one_hardly_moves,
-)
-from whereabouts.simulation.scenes.people_scenes import PeopleScene
 
 LIDAR = Lidar(361, np.pi, range_max=12.0, sigma=0.01)
 

@@ -18,6 +18,8 @@ from evaluation.people.people_judging import (
     hidden_kept,
     judge_scene,
 )
+from evaluation.scenes.occlusion_scenes import PLANS, OcclusionKind, occlusions, to_and_fro
+from evaluation.scenes.people_scenes import crossing, empty_floor, hidden
 from registration import Scan
 from tracking import PeopleConfig, PeopleTracker
 from tracking.mixture.occluders import PLACES, WEIGHTS, seen_shares
@@ -28,8 +30,6 @@ from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
 from whereabouts.datasets import recording
 from whereabouts.simulation import Lidar, box, circle, joined
-from whereabouts.simulation.scenes.occlusion_scenes import PLANS, OcclusionKind, occlusions, to_and_fro
-from whereabouts.simulation.scenes.people_scenes import crossing, empty_floor, hidden
 
 
 def test_the_robots_own_uncertainty_is_in_what_is_reported() -> None:

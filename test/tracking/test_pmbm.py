@@ -12,6 +12,7 @@ from estimation.checks import FloatArray
 from evaluation.phd.phd_monte_carlo import crossing_kept, scored
 from evaluation.phd.phd_recorded import config_of
 from evaluation.phd.target_scores import Score, labels_kept
+from evaluation.scenes.targets import TargetSensor, cross_and_spawn, joined_tracks, straight
 from tracking import ExtendedTargetPhd, PhdConfig
 from tracking.mixture.components import Components, IntArray
 from tracking.mixture.global_hypotheses import Hypotheses
@@ -19,7 +20,6 @@ from tracking.mixture.hypothesis_kernels import single_linkage
 from tracking.mixture.phd_models import ConstantVelocityMotion, Labels
 from tracking.mixture.pmbm import PmbmRecursion, ReturnLooks
 from whereabouts.datasets import recording
-from whereabouts.simulation.scenes.targets import TargetSensor, cross_and_spawn, joined_tracks, straight
 
 BIRTHS = [(0.1, [0.0, 0.0, 0.0, 0.0], np.diag([400.0, 400.0, 25.0, 25.0]))]
 

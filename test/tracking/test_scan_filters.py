@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
+from evaluation.scenes.people_scenes import PeopleScene
 from registration.laser.scan import Scan
 from tracking import PeopleTracker, PointsTracker, tracker_of
 from whereabouts.simulation.people import Build, SimulatedWalker
-from whereabouts.simulation.scenes.people_scenes import PeopleScene
 from whereabouts.simulation.shapes import box, circle, joined
 
 

@@ -10,7 +10,7 @@ import pytest
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.places import Places
-from whereabouts.simulation.scenes.recipe_rooms import driven, learning_frames, recipe_room
+from evaluation.scenes.recipe_rooms import driven, learning_frames, recipe_room
 from world_model.tasks.relations import Relations
 from world_model.tasks.search import ObjectSearch, SearchConfig
 

@@ -1,4 +1,4 @@
-"""Worlds, laser ray casting, people, objects, and the scenarios of the reference experiments."""
+"""Worlds, laser ray casting, people and objects."""
 
 from whereabouts.simulation.lidar import Lidar, SimulatedScan
 from whereabouts.simulation.movers import Mover, crowd, outlines, random_mover

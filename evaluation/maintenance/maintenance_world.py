@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.errors import InputError
-from whereabouts.simulation.scenes.maintenance_world_kernels import run
+from evaluation.maintenance.maintenance_world_kernels import run
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance_config import MaintenanceConfig
 from world_model.tasks.maintenance_kernels import shortest_way

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import compound, inverse
+from evaluation.scenes.streets import LANE, SCENES, traffic
 from registration.laser.scan import Scan
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.movers import Mover, outlines
 from whereabouts.simulation.rays import cast_shapes
-from whereabouts.simulation.scenes.streets import LANE, SCENES, traffic
 from whereabouts.simulation.shapes import Array, Shapes, joined
 
 NEAR = 0.6  # of the distance between two beams of the second scan: how near a beam has to be to be associated

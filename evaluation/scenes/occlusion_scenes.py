@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from evaluation.scenes.people_scenes import PeopleScene
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.people import Build, SimulatedWalker, random_build, wander
 from whereabouts.simulation.robot import Drive
-from whereabouts.simulation.scenes.people_scenes import PeopleScene
 from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon, unit
 
 LAYOUTS = ("pillars", "screens", "open", "pillars in the open")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from whereabouts.simulation.scenes.maintenance_world import (
+from evaluation.maintenance.maintenance_world import (
     MaintenanceRoom,
     RoomPlan,
     TourAccount,
@@ -18,7 +18,7 @@ from whereabouts.simulation.scenes.maintenance_world import (
     maintained,
     shortest_tour,
 )
-from whereabouts.simulation.scenes.maintenance_world_kernels import HERE, drive, look_around
+from evaluation.maintenance.maintenance_world_kernels import HERE, drive, look_around
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance, MaintenanceConfig

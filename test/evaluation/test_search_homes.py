@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimation.geometry.grid_paths import GridPaths
-from whereabouts.simulation.scenes.search_homes import (
+from evaluation.scenes.search_homes import (
     CLEARANCE,
     FOUND,
     GOES_WITH,

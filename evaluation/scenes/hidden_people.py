@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evaluation.scenes.targets import Array, TargetScene
 from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.scenes.targets import Array, TargetScene
 from whereabouts.simulation.shapes import circle, joined
 
 PERIOD = 0.2  # s between sweeps, T of Table 1
