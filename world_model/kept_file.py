@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from estimation.errors import InputError
+
+PERIOD = 1800.0  # s between two writes
 
 
 def write_kept(path: Path, data: Mapping[str, Any]) -> None:
@@ -38,7 +40,45 @@ def read_kept(path: Path, form: str, version: int) -> dict[str, Any]:
     return data
 
 
-def set_aside(path: Path) -> str:
+class KeptFile:
+    """The file of what an owner has learned: read at the start, written every half an hour.
+
+    path : None where nothing is kept. what : what was learned, in the plural. read, write : the owner's; both may
+    raise OSError, `read` also InputError. problem : why the file could not be read or written, "" while all is well.
+    """
+
+    def __init__(
+        self, path: Path | None, what: str, read: Callable[[Path], None], write: Callable[[Path], None]
+    ) -> None:
+        self.path, self._what, self._write = path, what, write
+        self.problem = ""
+        self._written: float | None = None
+        if path is None or not path.exists():
+            return
+        try:
+            read(path)
+        except OSError as error:
+            self.problem = f"{path}: {what} not read: {error}"
+        except InputError as error:
+            self.problem = f"{path}: {error}; {_set_aside(path)}, {what} are learned anew"
+
+    def keep(self, stamp: float, now: bool = False) -> None:
+        """Write what was learned, every half an hour (s) or `now`. Does not raise: see `problem`."""
+        if self.path is None:
+            return
+        if self._written is None or stamp < self._written:
+            self._written = stamp
+        if not now and stamp - self._written < PERIOD:
+            return
+        self._written = stamp
+        try:
+            self._write(self.path)
+            self.problem = ""
+        except OSError as error:
+            self.problem = f"{self.path}: {self._what} not written: {error}"
+
+
+def _set_aside(path: Path) -> str:
     """Move a damaged file to NAME.damaged; what was done, in words. Does not raise."""
     aside = path.with_name(path.name + ".damaged")
     try:

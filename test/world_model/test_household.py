@@ -105,7 +105,7 @@ def test_what_was_learned_is_kept_and_taken_up_again(tmp_path: Path) -> None:
     before = cup_of(model.propagate(8 * DAY + 11 * HOUR).objects).usual
     model.close()
     again = WorldModel(config(), HOME, path)
-    assert again.household.problem == ""
+    assert again.household.kept.problem == ""
     assert cup_of(again.propagate(8 * DAY + 11 * HOUR).objects).usual == pytest.approx(before)
     lost = cup_of(again.report("cup-1", "not_found", 8 * DAY + 11 * HOUR).objects)
     assert lost.lost
@@ -131,7 +131,7 @@ def test_a_damaged_file_is_set_aside_and_nothing_else_suffers(tmp_path: Path, sp
     beside = routines_path(path)
     beside.write_text(spoil(beside.read_text(encoding="utf-8")), encoding="utf-8")
     again = WorldModel(config(), HOME, path)
-    assert words in again.household.problem
+    assert words in again.household.kept.problem
     assert beside.with_name(beside.name + ".damaged").exists()
     assert {item.id for item in again.propagate(again.stamp).objects} == {"cup-1", "book-1"}
     again.close()
@@ -141,10 +141,10 @@ def test_another_version_is_set_aside(tmp_path: Path) -> None:
     household = Household(HOME)
     kept = tmp_path / "kept"
     household.write(kept)
-    assert Household(HOME, kept).problem == ""
+    assert Household(HOME, kept).kept.problem == ""
     household.routines.to_dict = lambda: {"format": "other"}  # type: ignore[method-assign]
     household.write(kept)
-    assert "whereabouts.routines" in Household(HOME, kept).problem
+    assert "whereabouts.routines" in Household(HOME, kept).kept.problem
 
 
 def test_things_that_stay_are_no_new_versions_while_nobody_looks() -> None:

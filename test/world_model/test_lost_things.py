@@ -86,7 +86,7 @@ def test_a_store_without_kept_routines_teaches_them(tmp_path: Path) -> None:
     kept, history = model.household, tmp_path / "world.sqlite"
     routines_path(history).unlink()
     again = WorldModel(config(), HOME, history)
-    assert again.household.problem == ""
+    assert again.household.kept.problem == ""
     now = 5 * DAY + 15.0 * HOUR
     for learned in (kept, again.household):
         assert learned.by_now("cup-1", now)["desk"] > 0.8

@@ -175,8 +175,8 @@ class WorldModelNode(SuiteNode):
             figures |= {"checks of the store": keeper.checks, "snapshots": keeper.snapshots}
         trouble = (
             store.problem
-            or self._model.household.problem
-            or self.camera.problem
+            or self._model.household.kept.problem
+            or self.camera.kept.problem
             or (keeper.problem if keeper is not None else "")
         )
         if trouble or store.damages:

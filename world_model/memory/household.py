@@ -15,7 +15,7 @@ from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.config import WorldModelConfig, motion_of
-from world_model.kept_file import read_kept, set_aside, write_kept
+from world_model.kept_file import KeptFile, read_kept, write_kept
 from world_model.memory.courses import PlaceWords, courses_of, days_moved, routines_of
 from world_model.memory.routines import FEWEST_DAYS, Routines, RoutinesConfig
 from world_model.memory.store import Store
@@ -24,7 +24,6 @@ from world_model.symbols import parse_symbol
 
 FORMAT, VERSION = "whereabouts.household", 1
 PERIOD = 120.0  # s between two looks at the believed world, and for which a forecast holds
-KEEPING = 1800.0  # s between two writes
 SURE = 0.7
 """Probability of a place from which on a thing is said to be there: one at an edge does not move to and fro."""
 UNSEEN = 600.0  # s after which a thing that nobody has seen may be elsewhere by now
@@ -40,34 +39,27 @@ STAYS = 0.9  # Probability of still being there from which on nothing else is sa
 class Household:
     """places : where things can be. path : of the file that keeps what was learned, or None.
 
-    aliases : symbols that things had before somebody renamed them. problem : why the file could not be read or written,
-    "" while all is well.
+    aliases : symbols that things had before somebody renamed them. kept : the file.
     """
 
     def __init__(self, places: Places, path: Path | None = None) -> None:
         self.places = places
-        self.path = path
-        self.problem = ""
         self._rooms = {
             place.name: room.name
             for place in places.furniture
             if (room := places.room_of(place.polygon.mean(0))) is not None
         }
         self.smallest = min((place.area for place in places), default=math.inf)  # m²
-        self._begin()
-        if path is not None and path.exists():
-            self._read(path)
-        self._furniture = [place.name for place in places.furniture]
-        self.routines.know(self._furniture)
-
-    def _begin(self) -> None:
         self.routines = Routines(RoutinesConfig(days=DAYS))
         self.aliases: dict[str, str] = {}
         self._at: dict[str, str] = {}
         self._moved: dict[str, list[int]] = {}
-        self._watched = self._kept = -math.inf
+        self._watched = -math.inf
         self._asked = (-math.inf, 0)
         self._forecasts: dict[str, tuple[WorldObject, float, WorldObject]] = {}
+        self.kept = KeptFile(path, "routines", self.read, self.write)
+        self._furniture = [place.name for place in places.furniture]
+        self.routines.know(self._furniture)
 
     # Learning.
 
@@ -251,38 +243,27 @@ class Household:
     # The file.
 
     def keep(self, stamp: float, now: bool = False) -> None:
-        """Write what was learned, every half an hour or `now`. Does not raise: see `problem`."""
-        known = self.routines.objects or self.aliases
-        if self.path is None or not known or not (now or stamp - self._kept >= KEEPING):
-            return
-        first = self._kept == -math.inf
-        self._kept = stamp
-        if first and not now:
-            return
-        try:
-            self.write(self.path)
-            self.problem = ""
-        except OSError as error:
-            self.problem = f"{self.path}: routines not written: {error}"
+        """Write what was learned, now and then or `now`. Does not raise."""
+        if self.routines.objects or self.aliases:
+            self.kept.keep(stamp, now)
 
     def write(self, path: Path) -> None:
         """Write what was learned to a file. Raises OSError."""
         data = {"format": FORMAT, "version": VERSION, "aliases": self.aliases, "at": self._at}
         write_kept(path, {**data, "moved": self._moved, "routines": self.routines.to_dict()})
 
-    def _read(self, path: Path) -> None:
-        """What the file has; one that is damaged or of another version is set aside, and learning begins anew."""
+    def read(self, path: Path) -> None:
+        """Go on from what `write` wrote. Raises OSError, and InputError where the file is no such one; nothing is
+        changed then."""
+        data = read_kept(path, FORMAT, VERSION)
         try:
-            data = read_kept(path, FORMAT, VERSION)
-            self.routines = Routines.from_dict(data["routines"])
-            self.aliases = {str(name): str(new) for name, new in data["aliases"].items()}
-            self._at = {str(name): str(place) for name, place in data["at"].items()}
-            self._moved = {str(name): [int(d) for d in days] for name, days in data["moved"].items()}
-        except OSError as error:
-            self.problem = f"{path}: routines not read: {error}"
-        except (InputError, ValueError, KeyError, TypeError, AttributeError) as error:
-            self._begin()
-            self.problem = f"{path}: {error}; {set_aside(path)}, routines are learned anew"
+            routines = Routines.from_dict(data["routines"])
+            aliases = {str(name): str(new) for name, new in data["aliases"].items()}
+            at = {str(name): str(place) for name, place in data["at"].items()}
+            moved = {str(name): [int(d) for d in days] for name, days in data["moved"].items()}
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"damaged: {error}") from error
+        self.routines, self.aliases, self._at, self._moved = routines, aliases, at, moved
 
 
 def _kind(name: str) -> str:

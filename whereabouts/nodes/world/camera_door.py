@@ -33,21 +33,19 @@ from world_model.camera import (
 from world_model.camera import located as placed_by_depth
 from world_model.camera import located_by_scan as placed_by_scan
 from world_model.camera.rates import SUFFIX
-from world_model.kept_file import set_aside
+from world_model.kept_file import KeptFile
 
 if TYPE_CHECKING:
     from whereabouts.nodes.world_model_node import WorldModelNode
 
 Array = NDArray[np.float64]
-KEEPING = 1800 * NANOSECONDS
-"""Between two writes of what was learned."""
 
 
 class CameraDoor:
     """A node's camera inputs, and the view at a stamp.
 
     take_boxes, take_detections : handlers of `detections_2d` and `detections`. frames : as of `Input`, of messages with
-    a header.
+    a header. kept : the file of what was learned.
     """
 
     def __init__(
@@ -62,10 +60,8 @@ class CameraDoor:
         self.cameras = Cameras()
         self.rates = SightRates()
         store = node.model.store
-        self._kept_in = None if store is None else store.path.with_name(store.path.name + SUFFIX)
-        self._kept_at: int | None = None
-        self.problem = ""
-        self._restore()
+        beside = None if store is None else store.path.with_name(store.path.name + SUFFIX)
+        self.kept = KeptFile(beside, "rates of detection", self.rates.read, self.rates.write)
         self.reset()
         node.add_input(CameraInfo, "camera_info", self._take_info, sensor=False)
         kind, topic = (LaserScan, "scan") if self.from_scan else (Image, "depth")
@@ -84,32 +80,10 @@ class CameraDoor:
         self.cameras = Cameras(rectified=self._node.settings.camera_rectified, lenses=self.cameras.lenses)
         self.without_depth = self.unplaced = 0
 
-    def _restore(self) -> None:
-        """What was learned before this start. A damaged file is set aside, and learning begins anew."""
-        path = self._kept_in
-        if path is None or not path.exists():
-            return
-        try:
-            self.rates.read(path)
-        except OSError as error:
-            self.problem = f"{path}: rates of detection not read: {error}"
-        except InputError as error:
-            self.problem = f"{path}: {error}; {set_aside(path)}, rates of detection are learned anew"
-
     def keep(self, stamp: int, now: bool = False) -> None:
-        """Write what was learned, every half an hour (ns) or `now`. Does not raise: see `problem`."""
-        if self._kept_in is None or not self.rates.looks:
-            return
-        if self._kept_at is None or stamp < self._kept_at:
-            self._kept_at = stamp
-        if not now and stamp - self._kept_at < KEEPING:
-            return
-        self._kept_at = stamp
-        try:
-            self.rates.write(self._kept_in)
-            self.problem = ""
-        except OSError as error:
-            self.problem = f"{self._kept_in}: rates of detection not written: {error}"
+        """Write what was learned at a stamp, ns, now and then or `now`. Does not raise."""
+        if self.rates.looks:
+            self.kept.keep(stamp / NANOSECONDS, now)
 
     def _frames(self, message: Any) -> list[tuple[str, str]]:
         """What tf must know: where detections are, and where the camera was."""
