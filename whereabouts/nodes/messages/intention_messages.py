@@ -14,6 +14,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from estimation.errors import InputError
 from estimation.geometry.poses import pose_to_matrix
 from tracking.intentions import Prediction
+from tracking.intentions.observations import at_times
 from whereabouts.nodes.messages.conversions import pose_from_message
 from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point
 from whereabouts.nodes.messages.stamps import duration_message, seconds
@@ -133,10 +134,7 @@ class PathMarkers:
         ways = [(0, told.path), *((way.goal, way.path) for way in told.alternatives)]
         times = start + np.arange(0.0, self.horizon + 1e-9, self.interval)
         return [
-            (
-                float(told.probabilities[goal]),
-                np.column_stack([np.interp(times, path[:, 2], path[:, axis]) for axis in (0, 1)]),
-            )
+            (float(told.probabilities[goal]), at_times(path, times))
             for goal, path in ways
             if goal == 0 or told.probabilities[goal] >= self.least
         ]
@@ -160,12 +158,11 @@ def _points(
     """Points of a path every `interval` s from `start` s to the horizon."""
     after = np.arange(0.0, horizon + 1e-9, interval)
     index = np.searchsorted(path[:, 2], start + after - 1e-6).clip(max=len(path) - 1)
-    places = np.column_stack([np.interp(start + after, path[:, 2], path[:, a]) for a in (0, 1)])
     return [
         PredictedPoint(
             time_from_start=duration_message(float(t)),
             position=point(place),
             covariance=covariances[k].ravel().tolist(),
         )
-        for t, place, k in zip(after, places, index, strict=True)
+        for t, place, k in zip(after, at_times(path, start + after), index, strict=True)
     ]
