@@ -63,7 +63,6 @@ setup(
         "typer>=0.9",
         "rich>=13",
         "matplotlib>=3.6",
-        "joblib>=1.2",
         "pyyaml>=6",
         "lz4>=4",
         "zstandard>=0.21",
