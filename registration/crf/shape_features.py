@@ -21,7 +21,6 @@ NAMES = (
     "distance 1", "distance 3", "distance 5", "angle 1", "angle 3", "angle 5",
     "geodesic 1", "geodesic 3", "geodesic 5", "radius", "translation", "registered translation",
 )  # fmt: skip
-NEIGHBOURS = (1, 3, 5)
 FAR = 3.0  # metres at which differences are cut off
 
 

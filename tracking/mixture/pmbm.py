@@ -40,8 +40,6 @@ MOST_UNSEEN = 50
 NARROW = 3.0
 # Seeds for new targets per group of returns at most.
 MOST_SEEDS = 8
-# A track that can split off others exists at least this probably.
-CAN_SPAWN = 0.1
 
 State = tuple[Hypotheses, Components, int, dict[int, float]]
 
