@@ -21,9 +21,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from evaluation.process_usage import family
 from whereabouts.cli.run import NODES
 from whereabouts.nodes.runtime.suite_run import prepare_environment
-from whereabouts.system.process_usage import family
 
 RESULT = Path(__file__).with_suffix(".txt")
 SETTLE = 3.0

@@ -11,10 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from evaluation.datasets import recording
 from evaluation.experiments.odometry import follow, simulated_floor
 from evaluation.scenes.scan_pairs import CROWDED, EASY, HARD, random_pair
 from registration import Odometry, align, align_globally
-from whereabouts.datasets import recording
 from whereabouts.logs import open_log
 from whereabouts.simulation import Lidar
 

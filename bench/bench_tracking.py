@@ -24,14 +24,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from estimation.metrics.statistics import ospa
+from evaluation.datasets import recording
 from evaluation.peers.stone_soup_phd import StoneSoupPhd
 from evaluation.phd.phd_recorded import SCENES, config_of
+from evaluation.phd.target_scores import positions
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
 from tracking.phd.correction import CellStatistics, cell_log_factor
 from tracking.phd.correction_kernels import centroid_log_likelihood
 from tracking.phd.partitions import PartitionBuilder
-from tracking.tracker_evaluation import positions
-from whereabouts.datasets import recording
 
 NOISE = 20.0
 

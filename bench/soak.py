@@ -23,6 +23,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.stats import theilslopes
 
+from evaluation.process_usage import family, own_memory
 from whereabouts.cli.run import NODES
 from whereabouts.logs import McapWriter, RawMessage, open_raw
 from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
@@ -30,7 +31,6 @@ from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_mes
 from whereabouts.nodes.runtime.suite_run import SuiteRun, prepare_environment, replay_spec, run_suite
 from whereabouts.simulation.home.apartment_bag import record
 from whereabouts.simulation.home.apartment_day import ApartmentDay
-from whereabouts.system.process_usage import family, own_memory
 from whereabouts.system.progress import progress_bar
 
 RESULT = Path(__file__).with_suffix(".txt")

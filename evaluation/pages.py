@@ -20,11 +20,11 @@ from pathlib import Path
 
 from estimation.errors import InputError
 from evaluation import commands, documentation, markdown
+from evaluation.datasets import data_directory
 from evaluation.digest import PACKAGES, ROOT
 from evaluation.headlines import HEADLINES
 from evaluation.results import Result, read_all
 from evaluation.running import experiments
-from whereabouts.datasets import data_directory
 
 BEFORE = "before the last change"
 SPREAD = (

@@ -28,9 +28,9 @@ from evaluation.demo.reading import Said, Truth, read_said, read_truth
 from evaluation.demo.report_screen import screen_of, told_task
 from evaluation.demo.screen import Screen
 from evaluation.people.people_judging import SceneJudgement
+from evaluation.process_usage import Usage
 from whereabouts.simulation.home.apartment_day import MOVED
 from whereabouts.simulation.home.floor_plan import apartment, places_file
-from whereabouts.system.process_usage import Usage
 
 Array = NDArray[np.float64]
 # What each node is judged by: the input that makes it work.

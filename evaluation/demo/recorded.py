@@ -12,13 +12,13 @@ from mcap.reader import make_reader
 
 from estimation.errors import InputError
 from estimation.geometry.places import Places
+from evaluation.datasets import data_directory, recording
 from evaluation.demo.demo_suite import RECORDED
 from evaluation.demo.files import files_of
 from evaluation.demo.page import Page
 from evaluation.demo.reading import Said, Truth, read_said
 from evaluation.demo.report_screen import screen_of
 from evaluation.killian import recorded_bag
-from whereabouts.datasets import data_directory, recording
 from whereabouts.logs import convert_log
 from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
 from whereabouts.nodes.runtime.supervisor import SuiteError

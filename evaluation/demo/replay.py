@@ -10,12 +10,12 @@ from evaluation.demo.demo_report import DemoRun
 from evaluation.demo.demo_suite import BESIDE, RECORDED, parameters, shipped_parameters, shipped_remappings
 from evaluation.demo.files import begin_in
 from evaluation.demo.live.demo_director import Director
+from evaluation.process_usage import UsageMeter
 from whereabouts.logs import RawMessage
 from whereabouts.nodes.runtime.suite_run import SuiteRun, replay_spec, run_suite
 from whereabouts.nodes.runtime.supervisor import SuiteError
 from whereabouts.simulation.home.apartment_bag import START
 from whereabouts.simulation.home.apartment_day import MOVED, THINGS, stop
-from whereabouts.system.process_usage import UsageMeter
 
 CLOCK_PERIOD = 0.25
 """s of the bag: as exact as timers of a second and more need."""

@@ -25,6 +25,7 @@ from evaluation.experiments.odometry import simulated_floor
 from evaluation.peers.kiss_slam_peer import installed, kiss_slam
 from evaluation.peers.stone_soup_phd import StoneSoupPhd
 from evaluation.phd.phd_recorded import config_of
+from evaluation.phd.target_scores import positions
 from evaluation.registration.registration_data import read_ply
 from evaluation.report import Part, Report, RunOptions
 from evaluation.scenes.outdoor import SpinningLidar, random_neighbourhood, round_trip
@@ -33,7 +34,6 @@ from loop_closure import features_2d, pair_features
 from loop_closure.slam.trajectory import Slam
 from registration import Odometry, OdometryConfig, align
 from tracking import ExtendedTargetPhd
-from tracking.tracker_evaluation import positions
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.rooms import random_room
 

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from estimation.errors import InputError
 from estimation.geometry.poses import compound, inverse
 from estimation.learning.gradient_boosting import GradientBoosting
+from evaluation.datasets import data_directory
 from evaluation.parallel import each
 from evaluation.people.people_training import marks_of
 from evaluation.scenes.occlusion_scenes import (
@@ -36,7 +37,6 @@ from evaluation.scenes.varied_floors import disturbed, things_stand_about, varie
 from registration.laser.scan import Scan
 from tracking.people.people_tracker import PeopleTracker, Person
 from tracking.people.person_class import CARD, MODEL, NAMES, ClassModel
-from whereabouts.datasets import data_directory
 from whereabouts.logs import open_log
 from whereabouts.recorded.people_tracks import track_people
 

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimation.errors import InputError
+from evaluation.datasets import data_directory
 from evaluation.people.people_class_training import SEED, undecided
 from evaluation.scenes.occlusion_scenes import BODIES, LAYOUTS, MOTIONS, OcclusionKind, occlusions
 from evaluation.scenes.people_scenes import PeopleScene, crowded_room
@@ -25,7 +26,6 @@ from registration.laser.scan import Scan
 from tracking.people.cluster_model import DENSITIES, KINDS, kinds_of
 from tracking.people.free_space import Background
 from tracking.people.people_tracker import PERIOD, PeopleTracker
-from whereabouts.datasets import data_directory
 from whereabouts.logs import open_log
 from whereabouts.recorded.people_tracks import track_people
 from whereabouts.system.progress import track

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from estimation.errors import InputError
 from estimation.learning.gradient_boosting import GradientBoosting
+from evaluation.datasets import data_directory
 from evaluation.scenes.scan_pairs import free_pose
 from registration.laser.scan import Scan
 from tracking.people.legs import FEATURES, clusters_of
 from tracking.people.people_shape import CARD, MODEL
-from whereabouts.datasets import data_directory
 from whereabouts.simulation import Lidar, joined, outlines, random_room
 from whereabouts.simulation.people import random_build, wander
 

@@ -10,7 +10,11 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.metrics.statistics import ospa
 from tracking.mixture.target import Target
-from tracking.tracker_evaluation import positions
+
+
+def positions(targets: Sequence[Target]) -> FloatArray:
+    """Positions (N, 2) of reported targets."""
+    return np.array([target.mean[:2] for target in targets], dtype=np.float64).reshape(-1, 2)
 
 
 @dataclass

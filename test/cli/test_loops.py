@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from estimation.errors import InputError
+from evaluation.datasets import recording
 from loop_closure import PlaceModel
 from whereabouts.cli.main import app
-from whereabouts.datasets import recording
 
 runner = CliRunner()
 

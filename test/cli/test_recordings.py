@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from evaluation.datasets import recording
 from whereabouts.cli.main import app
-from whereabouts.datasets import recording
 from whereabouts.logs import read_tum
 
 runner = CliRunner()

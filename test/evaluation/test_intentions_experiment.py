@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from evaluation.datasets import recording
 from evaluation.experiments.intentions import simulated_walks
 from evaluation.intentions import intentions_protocol as protocol
 from evaluation.intentions.intentions_days import simulated_day
 from evaluation.intentions.trajectories import read_trajectories
-from whereabouts.datasets import recording
 
 
 def test_learned_exits_beat_straight_lines_early_and_are_nearly_sure_late() -> None:

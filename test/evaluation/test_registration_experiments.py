@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evaluation.datasets import recording
 from evaluation.experiments import odometry, registration
 from evaluation.peers.point_to_line import PointToLine
 from evaluation.registration.odometry_wheels import FAULTS, with_faults
 from evaluation.running import Run, run
 from evaluation.scenes.scan_pairs import EASY, random_pair
 from registration import align
-from whereabouts.datasets import recording
 from whereabouts.logs import open_log
 from whereabouts.simulation import Lidar
 from whereabouts.simulation.robot import relative

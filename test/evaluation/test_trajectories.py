@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evaluation.datasets import recording
 from evaluation.intentions.trajectories import read_trajectories
-from whereabouts.datasets import recording
 from whereabouts.system.log_errors import EmptyLogError, LogNotFoundError, TrajectoryError, UnknownFormatError
 
 EDINBURGH = """% Total number of trajectories in file are  2

@@ -5,10 +5,10 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.geometry.poses import wrap_angle
+from evaluation.datasets import recording
 from evaluation.registration.registration_data import read_3dtk, read_ply
 from evaluation.scenes.scan_pairs import EASY, free_pose, random_pair
 from registration import align, align_globally
-from whereabouts.datasets import recording
 from whereabouts.simulation import Lidar, box, corridor, random_room
 from whereabouts.simulation.robot import relative
 

@@ -9,6 +9,7 @@ from numpy.testing import assert_array_equal
 from evaluation.crf.crf_baselines import free_space
 from evaluation.crf.crf_metrics import f1_of, scores
 from evaluation.crf.crf_recordings import _counts, _pairs, read_recording
+from evaluation.datasets import data_directory
 from evaluation.scenes.labelled_pairs import (
     LabelledPair,
     labelled,
@@ -21,7 +22,6 @@ from registration import Scan, align
 from registration.crf import JointEstimate, JointModel, setup
 from registration.crf.setup import start
 from registration.crf.window import segment
-from whereabouts.datasets import data_directory
 from whereabouts.simulation import Lidar, Mover, box, corridor, joined, outlines, random_room
 
 ROUND = Lidar(361, 2.0 * np.pi * 360 / 361)

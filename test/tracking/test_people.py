@@ -11,6 +11,7 @@ from people_scans import STEP, scan_of, walk, wall, with_leg
 
 from estimation.errors import InputError
 from estimation.geometry.poses import compound
+from evaluation.datasets import recording
 from evaluation.people.people_judging import (
     Constant,
     crossing_kept,
@@ -28,7 +29,6 @@ from tracking.people.free_space import Background
 from tracking.people.legs import clusters_of
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
-from whereabouts.datasets import recording
 from whereabouts.simulation import Lidar, box, circle, joined
 
 

@@ -10,12 +10,12 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.metrics.statistics import ospa
+from evaluation.datasets import recording
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd, Target
 from tracking.mixture.components import Components
 from tracking.mixture.phd_models import ConstantDetection, Labels
 from tracking.mixture.reduction import Reducer, distinct_labels
 from tracking.phd.phd_recursion import PhdRecursion
-from whereabouts.datasets import recording
 
 BIRTHS = [(0.1, [0.0, 0.0, 0.0, 0.0], np.diag([400.0, 400.0, 25.0, 25.0]))]
 

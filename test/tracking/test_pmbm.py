@@ -9,6 +9,7 @@ import pytest
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from estimation.checks import FloatArray
+from evaluation.datasets import recording
 from evaluation.phd.phd_monte_carlo import crossing_kept, scored
 from evaluation.phd.phd_recorded import config_of
 from evaluation.phd.target_scores import Score, labels_kept
@@ -19,7 +20,6 @@ from tracking.mixture.global_hypotheses import Hypotheses
 from tracking.mixture.hypothesis_kernels import single_linkage
 from tracking.mixture.phd_models import ConstantVelocityMotion, Labels
 from tracking.mixture.pmbm import PmbmRecursion, ReturnLooks
-from whereabouts.datasets import recording
 
 BIRTHS = [(0.1, [0.0, 0.0, 0.0, 0.0], np.diag([400.0, 400.0, 25.0, 25.0]))]
 

@@ -42,10 +42,10 @@ def experiment(
 ) -> None:
     """Run an experiment, print its tables and write its figures; or compare two results."""
     from estimation.errors import InputError
+    from evaluation.datasets import data_directory
     from evaluation.parallel import cluster
     from evaluation.running import Run, experiments, run_each
     from evaluation.showing import show, show_comparison
-    from whereabouts.datasets import data_directory
 
     if name == "compare":
         if folders is None or len(folders) != 2:

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from whereabouts.system.process_usage import family, memory, processor_seconds
+from evaluation.process_usage import family, memory, processor_seconds
 
 BUSY = "sum(range(10**7)); data = bytearray(b'x' * (32 << 20)); print('ready', flush=True); input()"
 
