@@ -147,6 +147,30 @@ def test_where_a_room_without_map_looks_like_one_with_it_a_wrong_pose_is_soon_gi
     assert 0.25 * wrong < 5.0
 
 
+def test_a_room_without_map_is_not_taken_for_one_that_looks_like_it() -> None:
+    rng = np.random.default_rng([301, 0])
+    shapes, waypoints = random_floor(rng)
+    drive, lidar = Drive(waypoints, speed=0.6), Lidar(271, 1.5 * np.pi)
+
+    def seen(time: float) -> tuple[Scan, np.ndarray]:
+        return lidar.scan(shapes, drive(time), rng, time).scan, drive(time)
+
+    slam = Slam(thin=True, every_scan=True)
+    for time in np.arange(0.0, 0.5 * drive.duration, 0.25):
+        slam.process(*seen(time), np.diag([1e-4] * 3))
+    slam.finish()
+    home = compound(slam.graph.poses[0], between(drive(0.0), np.zeros(3)))
+    said = {}
+    for share in (0.55, 0.75):
+        localizer, said[share] = Localizer(slam.keyframes, slam.graph.poses), 0
+        for time in np.arange(share * drive.duration, share * drive.duration + 15.0, 0.25):
+            scan, pose = seen(time)
+            found = localizer.process(scan, pose).pose
+            said[share] += found is not None
+            assert found is None or np.hypot(*between(compound(home, pose), found)[:2]) < 1.0
+    assert said[0.55] > 0, "not found where the map is"
+
+
 def test_a_pose_as_rviz_says_it_is_made_exact_at_once(saved: Slam) -> None:
     way = aside(ROUND[30:36], 0.7, False)
     start = np.linalg.inv(ROUND[0]) @ way[0]
