@@ -414,6 +414,23 @@ def test_how_long_something_has_been_there_is_known_however_long(season: Store) 
     )
 
 
+def test_where_the_beginning_is_no_longer_known_all_that_is_there_is_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reads: list[object] = []
+    sights = Store.sights
+
+    def counted(*given: object) -> list[tuple[object, ...]]:
+        reads.append(given)
+        return sights(*given)  # type: ignore[arg-type, return-value]
+
+    with lived(tmp_path / "home.sqlite") as store:
+        store._file.connection.execute("DELETE FROM history WHERE event = 'appeared'")
+        monkeypatch.setattr(Store, "sights", counted)
+        assert ask(store, "when was the red cup last on the bed?").value is None
+    assert len(reads) == 1
+
+
 @pytest.mark.parametrize(
     ("words", "start", "end"),
     [

@@ -85,6 +85,7 @@ class Household:
                 words,
                 present.get(name),
                 now,
+                start,
                 True,
             )
             for name in dict.fromkeys([*present, *rows])

@@ -201,9 +201,10 @@ def timeline_of(
     words: PlaceWords,
     item: WorldObject | None,
     now: float,
+    start: float = -math.inf,
     coarse: bool = False,
 ) -> Timeline:
-    """The stays of one id by its rows of history.
+    """The stays of one id by its rows of history from the last before `start`, s, on.
 
     item : it as it is known `now`, None where that is of no interest, or it is no longer known. coarse : the rows do
     not say whether it was seen again; it has then stayed until it was missed, or found elsewhere, however soon.
@@ -211,8 +212,9 @@ def timeline_of(
     stamps = [row[0] for row in rows]
     here = [row[1] != "gone" and not row[4] and row[3] >= BELIEVED for row in rows]
     seen = [row[5] for row in rows]
-    cut = bool(rows) and rows[0][1] != "appeared"
-    if rows and here[0] and not cut:  # believed in only after some looks
+    new = bool(rows) and rows[0][1] == "appeared"
+    cut = bool(rows) and not new and stamps[0] <= start
+    if new and here[0]:  # believed in only after some looks
         seen[0] = stamps[0] = rows[0][6]
     positions = np.frombuffer(b"".join(row[2] for row in rows), "<f8").reshape(-1, 3)
     if item is not None and not rows:  # all that is known is the present

@@ -281,7 +281,7 @@ class Recall:
             swept, start = self._happened(start) if coarse else ({}, start)
             rows = self.store.sights(object_id, run, start, start if coarse else end)
             rows = rows + swept.get(object_id, [])
-        return timeline_of(object_id, rows, self.words, item, self.now, coarse)
+        return timeline_of(object_id, rows, self.words, item, self.now, start, coarse)
 
     @remembered
     def _happened(self, start: float) -> tuple[dict[str, list[Sight]], float]:
