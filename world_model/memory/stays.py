@@ -38,6 +38,11 @@ class PlaceWords:
             for place in self._ordered
         ]
         self._lows, self._highs = np.hsplit(np.array(boxes).reshape(-1, 6), 2)
+        # Within the bounds of a rectangle is within it: most need no further look.
+        bounds = np.prod((self._highs - self._lows)[:, :2], axis=1)
+        self._is_box = [
+            place.area > (1.0 - 1e-9) * m2 for place, m2 in zip(self._ordered, bounds, strict=True)
+        ]
 
     def __call__(self, positions: FloatArray) -> list[str]:
         """Of each position (N, 3), m; rows that rest share theirs."""
@@ -49,7 +54,9 @@ class PlaceWords:
         near = ((firsts[:, None] >= self._lows) & (firsts[:, None] <= self._highs)).all(2)
         for number in np.flatnonzero(near.any(0)).tolist():
             rows = np.flatnonzero(near[:, number])
-            last[rows[self._ordered[number].contains(firsts[rows])]] = number + 1
+            if not self._is_box[number]:
+                rows = rows[self._ordered[number].contains(firsts[rows])]
+            last[rows] = number + 1
         return [self._names[index] for index in last[np.cumsum(steps) - 1].tolist()]
 
 
