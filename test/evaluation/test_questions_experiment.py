@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from evaluation.experiments import questions as experiment
 from evaluation.report import RunOptions
-from world_model.questions import Answer, ask, past, recall
+from world_model.questions import Answer, Recall, ask, recall
 
 DAY, HOUR = 86400.0, 3600.0
 
@@ -81,7 +82,7 @@ def test_what_has_left_is_the_same_however_much_is_read(
     told = []
     with experiment.year(tmp_path / "days.sqlite", np.random.default_rng(3), 30) as store:
         for first in (0.5 * DAY, np.inf):
-            monkeypatch.setattr(past, "AT_FIRST", first)
+            monkeypatch.setattr(inspect.getmodule(Recall), "LATELY", first)
             store.recalled = None
             told.append([ask(store, question) for question in asked])
     assert told[0] == told[1]

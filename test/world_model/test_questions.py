@@ -267,6 +267,28 @@ def test_one_object_under_two_ids_has_one_history(tmp_path: Path) -> None:
         assert 0.5 < answer.probability < 1.0
 
 
+def test_an_answer_does_not_depend_on_what_was_asked_before(tmp_path: Path) -> None:
+    """Also where one thing had other ids: cup-2 went on as cup-3, cup-1 was only the same cup seen twice."""
+    with Store(tmp_path / "world.sqlite") as store:
+        store.keep_places(HOME)
+        for step in range(6 * 144):
+            stamp, day = MONDAY + 600.0 * step, step // 144
+            name, place = ("cup-2", "desk") if day < 3 else ("cup-3", "counter")
+            objects = [thing(name, place, stamp, "red", first_seen=MONDAY + (3 * DAY if day >= 3 else 0.0))]
+            objects += [thing("cup-1", "desk", stamp, "red")] if day == 1 else []
+            objects += [thing("book-1", "sofa" if step % 144 < 60 else "desk", stamp)]
+            store.record(WorldState(tuple(objects), 1.0, float(len(objects)), stamp))
+        asked = [question.replace("the cup", "cup-3") for question in CAN_BE_ASKED]
+        asked += ["where is the book usually", "what is usually on the counter", "what is out of place"]
+        told = []
+        for question in asked:
+            store.recalled = None
+            told.append(ask(store, question))
+        store.recalled = None
+        assert [ask(store, question) for question in asked] == told
+        assert [ask(store, question) for question in reversed(asked)] == told[::-1]
+
+
 def test_an_empty_store_and_one_without_places_answer(tmp_path: Path) -> None:
     with Store(tmp_path / "empty.sqlite") as store:
         assert "nothing has been seen" in ask(store, "where is the cup?").sentence
@@ -390,6 +412,23 @@ def test_how_long_something_has_been_there_is_known_however_long(season: Store) 
     assert ask(season, "how long has the book been there").value == pytest.approx(
         (SEASON - 5) * DAY, abs=HOUR
     )
+
+
+def test_where_the_beginning_is_no_longer_known_all_that_is_there_is_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reads: list[object] = []
+    sights = Store.sights
+
+    def counted(*given: object) -> list[tuple[object, ...]]:
+        reads.append(given)
+        return sights(*given)  # type: ignore[arg-type, return-value]
+
+    with lived(tmp_path / "home.sqlite") as store:
+        store._file.connection.execute("DELETE FROM history WHERE event = 'appeared'")
+        monkeypatch.setattr(Store, "sights", counted)
+        assert ask(store, "when was the red cup last on the bed?").value is None
+    assert len(reads) == 1
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,10 @@ from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.config import WorldModelConfig, motion_of
 from world_model.kept_file import KeptFile, read_kept, write_kept
-from world_model.memory.courses import PlaceWords, courses_of, days_moved, routines_of
 from world_model.memory.routines import FEWEST_DAYS, Routines, RoutinesConfig
+from world_model.memory.stays import MOST, PlaceWords, days_moved, routines_of, timeline_of
 from world_model.memory.store import Store
-from world_model.state import DAY, WorldObject
+from world_model.state import DAY, PERSON, WorldObject
 from world_model.symbols import parse_symbol
 
 FORMAT, VERSION = "whereabouts.household", 1
@@ -65,19 +65,31 @@ class Household:
 
     def learn(self, store: Store) -> None:
         """What a store's history teaches, where nothing was kept beside it."""
-        _, now, _ = store.newest()
+        run, now, _ = store.newest()
         if self.routines.objects or now is None or not self.places:
             return
         present = {item.id: item for item in store.present()}
-        start = now - DAYS * DAY
-        courses = courses_of(store, PlaceWords(self.places), present, start)
-        self.routines = routines_of(courses, start, now, DAYS)
+        (rows, start), words = store.happened(now - DAYS * DAY, MOST), PlaceWords(self.places)
+        lines = [
+            timeline_of(
+                name,
+                store.sights(name, run, start, start) + rows.get(name, []),
+                words,
+                present.get(name),
+                now,
+                start,
+                True,
+            )
+            for name in dict.fromkeys([*present, *rows])
+            if (present[name].most_probable("class") if name in present else _kind(name)) != PERSON
+        ]
+        self.routines = routines_of(lines, start, now, DAYS)
         self.routines.know(self._furniture)
-        for name, course in courses.items():
-            if days := days_moved(course):
-                self._moved[name] = days[-FEWEST_DAYS:]
-            if course.places[-1] is not None:
-                self._at[name] = course.places[-1]
+        for line in lines:
+            if days := days_moved(line):
+                self._moved[line.id] = days[-FEWEST_DAYS:]
+            if not line.lost:
+                self._at[line.id] = line.stays[-1].place
 
     def due(self, stamp: float) -> bool:
         """Whether it is time to `watch` again."""

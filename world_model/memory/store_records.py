@@ -19,6 +19,9 @@ from world_model.symbols import parse_symbol
 
 REACH = 1.0  # m around a place from which nothing is there more probably than not
 NEWEST_FIRST = "ORDER BY h.stamp DESC, h.row DESC"
+SIGHT = "h.stamp, h.event, substr(h.numbers, 1, 24), h.existence, h.lost, h.last_seen, h.first_seen"
+Sight = tuple[float, str, bytes, float, int, float, float]
+"""Stamp, event, position (3 × 8 bytes), existence, whether it is lost, when it was last and first seen."""
 AT_ONCE = 5000  # Rows of history that are sooner looked through than objects one by one
 
 
@@ -159,41 +162,16 @@ class Records:
         return dict(self._execute("SELECT id, epoch FROM objects WHERE epoch >= 0 ORDER BY epoch"))
 
     def sights(
-        self,
-        object_id: str,
-        epoch: int,
-        start: float = -float("inf"),
-        end: float = float("inf"),
-        most: int = -1,
-        again: bool = True,
-    ) -> list[tuple[float, str, bytes, float, int, float, float]]:
-        """History of an object in a run, oldest first: stamp, event, position (3 × 8 bytes), existence, lost, last and
-        first seen.
+        self, object_id: str, epoch: int, start: float = -float("inf"), end: float = float("inf")
+    ) -> list[Sight]:
+        """History of an object in a run, oldest first, from the last row before `start` on."""
+        before = "ifnull((SELECT max(stamp) FROM history WHERE key = o.key AND stamp <= ?), ?)"
+        order = f"AND h.stamp BETWEEN {before} AND ? ORDER BY h.stamp, h.row"
+        return self._of(object_id, epoch, SIGHT, order, start, start, end).fetchall()
 
-        most : how many rows, the newest; all where it is negative. again : also rows that only say that it was seen
-        once more.
-        """
-        without = "" if again else "AND h.event != 'seen' "
-        columns = "h.stamp, h.event, substr(h.numbers, 1, 24), h.existence, h.lost, h.last_seen, h.first_seen"
-        order = f"AND h.stamp BETWEEN ? AND ? {without}{NEWEST_FIRST} LIMIT ?"
-        return self._of(object_id, epoch, columns, order, start, end, most).fetchall()[::-1]
-
-    def happened(
-        self, start: float, most: int, apart_from: str
-    ) -> tuple[dict[int, str], list[tuple[int, float, str, bytes, float, int, float]], float]:
-        """What happened to all objects of the newest run since a stamp, oldest first, among the newest `most` rows.
-
-        apart_from : class of objects that are left out. Returns ids by key, and rows of key, stamp, event, position
-        (3 × 8 bytes), existence, lost, last seen, without those that only say that something was seen again; and from
-        which stamp on they are complete.
-        """
-        prefix = f"{apart_from}-"
-        names = self._execute(
-            "SELECT key, id FROM objects WHERE epoch = (SELECT epoch FROM clock) AND substr(id, 1, ?) != ?",
-            len(prefix),
-            prefix,
-        )
-        ids: dict[int, str] = dict(names.fetchall())
+    def happened(self, start: float, most: int) -> tuple[dict[str, list[Sight]], float]:
+        """History of all objects of the newest run since a stamp, oldest first, without rows that only say that
+        something was seen again; and since when it is complete: more than the newest `most` rows are not read."""
         newest = self._newest_row()
         # Rows lie in the order in which they were written: this is read from one end, without an index.
         first = self._row_at(start, newest) - 1
@@ -201,13 +179,19 @@ class Records:
             first = newest - most
             oldest = self._value("SELECT stamp FROM history WHERE row > ? ORDER BY row LIMIT 1", first)
             start = max(start, float(oldest))
+        of_run = "SELECT key, id FROM objects WHERE epoch = (SELECT epoch FROM clock)"
+        ids: dict[int, str] = dict(self._execute(of_run).fetchall())
+        found: dict[str, list[Sight]] = {}
         rows = self._execute(
-            "SELECT key, stamp, event, substr(numbers, 1, 24), existence, lost, last_seen FROM history "
-            "WHERE row > ? AND stamp >= ? AND event != 'seen' ORDER BY row",
+            f"SELECT h.key, {SIGHT} FROM history h WHERE h.row > ? AND h.stamp >= ? AND h.event != 'seen' "
+            "ORDER BY h.row",
             first,
             start,
         )
-        return ids, [row for row in rows if row[0] in ids], start
+        for row in rows.fetchall():
+            if row[0] in ids:
+                found.setdefault(ids[row[0]], []).append(row[1:])
+        return found, start
 
     def _row_at(self, stamp: float, newest: int) -> int:
         """First row of the newest run from which on all have at least this stamp."""

@@ -109,7 +109,7 @@ def who_moved(
     only = _ids(world, person)
     name, where = one_named(world, what), place_named(world, place)
     span = since_when(world, since)
-    moves = [each for each in moves_of(world, name, span, where, way)[1] if each.before != each.after]
+    moves = moves_of(world, name, span, where, way, back=False)[1]
     if not moves:
         sentence = (
             f"{described(world, name)} was not moved{at_the(world, where)} in that time, as far as I know."
@@ -207,7 +207,7 @@ def _track(world: Recall, name: str, span: Span) -> tuple[FloatArray, FloatArray
     found: dict[float, FloatArray] = {}
     if world.store is not None:
         for _, event, numbers, existence, lost, seen, _ in world.store.sights(
-            name, world.epochs.get(name, world.epoch), span.start
+            name, world.epochs.get(name, world.epoch), span.start, span.end
         ):
             if event != "gone" and not lost and existence >= 0.5:
                 found[seen] = np.frombuffer(numbers, "<f8")

@@ -7,53 +7,14 @@ against a place speaks a look at it since.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
 
-from world_model.memory.courses import PlaceCourse, Sight, courses_of, courses_of_rows
-from world_model.questions.recall import FOUND_AFTER, Recall, Timeline, remembered
+from world_model.memory.stays import FOUND_AFTER, ObjectStay, Timeline
+from world_model.questions.recall import Recall, remembered
 from world_model.state import BELIEVED, DAY, PERSON, most_probable
-
-
-def course_of(world: Recall, name: str, start: float) -> PlaceCourse | None:
-    """Where one object was since a moment, None where it was not seen: of few objects cheaper than `presence_of`."""
-    whole = world.kept.get((presence_of.__qualname__, start))
-    return whole.get(name) if isinstance(whole, dict) else _of_one(world, name, start)
-
-
-@remembered
-def _of_one(world: Recall, name: str, start: float) -> PlaceCourse | None:
-    if world.store is None:
-        return _of_line(world.timeline(name))
-    rows: list[Sight] = []
-    for known in world.names_of(name):
-        rows += [row[:6] for row in world.store.sights(known, world.epoch, start, again=False)]
-    return courses_of_rows(world.store, {name: rows}, world.words, world.present, start).get(name)
-
-
-@remembered
-def presence_of(world: Recall, start: float) -> dict[str, PlaceCourse]:
-    """Where all that is no person was since a moment, or since what can be read at once, by newest id."""
-    if world.store is not None:
-        return courses_of(
-            world.store, world.words, world.present, start, lambda name: world.individual(name)[0]
-        )
-    courses = {name: _of_line(world.timeline(name)) for name in world.things()}
-    return {name: course for name, course in courses.items() if course is not None}
-
-
-def _of_line(line: Timeline) -> PlaceCourse | None:
-    stamps: list[float] = []
-    places: list[str | None] = []
-    for stay in line.stays:
-        stamps.append(stay.since)
-        places.append(stay.place)
-        if stay.left_by is not None:
-            stamps.append(stay.left_by)
-            places.append(None)
-    return PlaceCourse.of(stamps, places, line.stays[-1].until) if line.stays else None
-
 
 WEEKS = 28 * DAY  # s: of the history that says where things go
 OUT = 2.0 * FOUND_AFTER  # s: what was found no sooner was out of the house, as far as anybody could tell
@@ -63,6 +24,11 @@ PRIOR_PLACES, PRIOR_OUT = 0.35, 0.15  # What is taken to be known of where anyth
 OVERLOOKED = 0.02  # That a look at a place does not find what is there
 GUESS = 0.4  # Probability below which a place is no answer
 SHORTEST, LONGEST = 120.0, 6 * 3600.0  # s: of a round of looks
+
+
+def weeks_of(world: Recall, name: str) -> Timeline:
+    """Where one object was in the last weeks; what was missing for a while has left."""
+    return world.line(name, world.now - WEEKS, coarse=True)
 
 
 @dataclass(frozen=True)
@@ -87,7 +53,7 @@ def elsewhere(world: Recall, line: Timeline) -> Elsewhere:
 
 @remembered
 def _weighed(world: Recall, name: str, was: str, until: float, left_by: float) -> Elsewhere:
-    votes, out = _votes(course_of(world, name, world.now - WEEKS), was, left_by)
+    votes, out = _votes(weeks_of(world, name).stays, was, left_by)
     furniture = [place.name for place in world.places if place.kind != "room"]
     names = furniture or [place.name for place in world.places]
     for other in names:
@@ -105,21 +71,17 @@ def _weighed(world: Recall, name: str, was: str, until: float, left_by: float) -
     return Elsewhere({place: p / total for place, p in chances.items() if p > 1e-3 * total}, out / total)
 
 
-def _votes(course: PlaceCourse | None, place: str, stamp: float) -> tuple[dict[str, float], float]:
+def _votes(stays: Sequence[ObjectStay], place: str, stamp: float) -> tuple[dict[str, float], float]:
     """How often it went to each place, and out of the house, when it left a place: what was alike counts more."""
     votes: dict[str, float] = {}
     out = 0.0
-    if course is None:
-        return votes, out
-    stamps, places = course.stamps.tolist(), course.places
-    there = [index for index, at in enumerate(places) if at is not None]
-    for index, after in pairwise(there):
-        before, to, left = places[index], places[after], stamps[index + 1]
-        weight = _same_hour(left, stamp) * (1.0 if before == place else ANY_PLACE)
-        if stamps[after] - left > OUT:
+    for before, after in pairwise(stays):
+        left = before.left_by or after.since
+        weight = _same_hour(left, stamp) * (1.0 if before.place == place else ANY_PLACE)
+        if after.since - left > OUT:
             out += weight
-        elif to and (before == place or to != place):
-            votes[to] = votes.get(to, 0.0) + weight
+        elif after.place and (before.place == place or after.place != place):
+            votes[after.place] = votes.get(after.place, 0.0) + weight
     return votes, out
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
+from world_model.memory.stays import AWAY, ObjectStay, Timeline
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import elsewhere
 from world_model.questions.moments import Span, When, moment
@@ -17,15 +19,12 @@ from world_model.questions.naming import (
     place_named,
     spoken,
 )
-from world_model.questions.recall import AWAY, ObjectStay, Recall, Timeline, Trust
+from world_model.questions.recall import LATELY, Recall, Trust
 from world_model.questions.where import FOUND, evidence_of, within
 from world_model.state import DAY, PERSON
 
 WEEK = 7 * DAY
-DAYS, ENDS = 3 * DAY, 80
-"""Of a span longer than so many s only its beginning and so many rows of its end are read, for what has changed."""
-LONG = 1500  # Rows of an object's history that are read where no time is given
-AT_FIRST = 4.0 * DAY  # s: of the end of a span, in which it is looked for first when something left a place
+MANY = 100  # Stays, of which no more are read where no time is given
 CONFIRMED = 60.0  # s: what was seen for less may have been a false detection, and is not missed
 
 
@@ -59,7 +58,8 @@ def period_of(world: Recall, span: Span) -> str:
 def changes_of(line: Timeline, start: float, end: float) -> list[Change]:
     """What happened to an object within a span."""
     stays = line.stays
-    found = [Change(line.id, None, each.place, each.since, each.since) for each in stays[:1]]
+    first = stays[:1] if line.begun else ()
+    found = [Change(line.id, None, each.place, each.since, each.since) for each in first]
     found += [
         Change(line.id, before.place, stay.place, before.until, stay.since, before.left_by)
         for before, stay in pairwise(stays)
@@ -86,7 +86,7 @@ def moves_at(world: Recall, place: str, span: Span, way: str = "") -> list[Chang
     return [
         change
         for name in world.heads(world.active(span.start, span.end))
-        for change in changes_of(world.window(name, span.start, span.end), span.start, span.end)
+        for change in changes_of(world.line(name, span.start, span.end), span.start, span.end)
         if is_about(world, change, place, way) and (way == "to" or change.before not in (None, change.after))
     ]
 
@@ -120,7 +120,12 @@ def how_often(world: Recall, what: str, place: str = "", since: When = None) -> 
 
 def _line(world: Recall, name: str, span: Span) -> Timeline:
     """As much of a timeline as a span needs; of one without a beginning as much as can be told at once."""
-    return world.window(name, span.start) if math.isfinite(span.start) else world.latest(name, LONG)
+    if math.isfinite(span.start):
+        return world.line(name, span.start)
+    for line in world.back(name):
+        if len(line.stays) > MANY:
+            break
+    return line
 
 
 def _visits(world: Recall, line: Timeline, where: str, span: Span) -> list[ObjectStay]:
@@ -148,9 +153,9 @@ def how_long_there(
     """
     name = one_named(world, what)
     if when is None:
-        return _how_long(world, name, world.latest(name), place)
+        return _how_long(world, name, place)
     where, span = place_named(world, place), within(world, when)
-    line = world.window(name, span.start, span.end)
+    line = world.line(name, span.start, span.end)
     by_place = line.spent(span.start, span.end)
     long = world.inside(where, by_place) + 0.0
     if where:
@@ -170,7 +175,8 @@ def how_long_there(
 how_long_at = how_long_there
 
 
-def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
+def _how_long(world: Recall, name: str, place: str) -> Answer:
+    line = world.latest(name)
     if not line.stays:
         raise NothingKnownError(f"{clean(name)} was never seen for certain.")
     last, now = line.stays[-1], world.now
@@ -187,14 +193,12 @@ def _how_long(world: Recall, name: str, line: Timeline, place: str) -> Answer:
         )
         return long(said, Trust.NOT_SEEN, gone, now - gone, last.since, gone)
     where = place_named(world, place) if place else last.place
-    stays = [last]
-    for stay in line.stays[-2::-1]:
-        if stay.gone or not world.contains(where, stay.place):
+    for line in world.back(name):
+        there = takewhile(lambda stay: not stay.gone and world.contains(where, stay.place), line.stays[::-1])
+        stays = list(there)
+        if len(stays) < len(line.stays):
             break
-        stays.append(stay)
-    if line.cut and len(stays) == len(line.stays):
-        return _how_long(world, name, world.timeline(name), place)
-    if not world.contains(where, last.place):
+    if not stays:
         said = f"is not {spoken(world, where)}, but {spoken(world, last.place)}"
         return long(said, Trust.STORY, now, None, last.since, now)
     came, earliest = stays[-1].since, stays[-1].came_after
@@ -232,19 +236,32 @@ def when_moved(
 
 
 def moves_of(
-    world: Recall, name: str, span: Span, place: str = "", way: str = ""
+    world: Recall, name: str, span: Span, place: str = "", way: str = "", back: bool = True
 ) -> tuple[Timeline, list[Change]]:
     """When an object left where it was, within a span; from or to a place, as of `is_about`. Its timeline, too.
 
-    Of a span without a beginning the newest rows are read, all where it was not moved in these.
+    Of a span without a beginning the last ones. back : also when it came back to where it had been.
     """
-    line = world.window(name, span.start) if math.isfinite(span.start) else world.latest(name)
-    while True:
-        changes = changes_of(line, span.start, span.end)
-        moves = [each for each in changes if each.before is not None and is_about(world, each, place, way)]
-        if moves or not line.cut:
-            return line, moves
-        line = world.timeline(name)
+
+    def fits(change: Change) -> bool:
+        was = change.before
+        return was is not None and (back or was != change.after) and is_about(world, change, place, way)
+
+    if math.isinf(span.start):
+        return last_changes(world, name, span, fits)
+    line = world.line(name, span.start, span.end)
+    return line, list(filter(fits, changes_of(line, span.start, span.end)))
+
+
+def last_changes(
+    world: Recall, name: str, span: Span, fits: Callable[[Change], bool]
+) -> tuple[Timeline, list[Change]]:
+    """Changes in the end of a span, as much of it as is needed to have one that fits, and the timeline there."""
+    for line in world.back(name, span.start, span.end):
+        changes = list(filter(fits, changes_of(line, span.start, span.end)))
+        if changes:
+            break
+    return line, changes
 
 
 def told_change(world: Recall, change: Change) -> str:
@@ -283,47 +300,36 @@ def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
     evidence = tuple(
         entry
         for change in found[:8]
-        for entry in evidence_of(_ends(world, change.object, span), change.start, change.end)
+        for entry in evidence_of(world.latest(change.object, span.start, span.end), change.start, change.end)
     )
     return Answer.stated(sentence, "what_changed", probability, span.start, value, evidence)
-
-
-def _ends(world: Recall, name: str, span: Span) -> Timeline:
-    """As much of a timeline as tells what is otherwise at the end of a span."""
-    return world.window(name, span.start) if world.now - span.start < DAYS else world.latest(name, ENDS)
 
 
 def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
     """One for each object that is not where it was at the beginning of a span, and how probably these are all."""
     found, certain = [], 1.0
     for name in world.heads(world.active(span.start, span.end)):
-        line = _ends(world, name, span)
-        changes = changes_of(line, span.start, span.end)
-        if not changes or _is_false(world, line):
+        line = world.latest(name, span.start, span.end)
+        begun = world.line(name, span.start, span.start) if span.end - span.start > LATELY else line
+        before, after = begun.place_at(span.start), line.place_at(span.end)
+        if _is_false(world, line) or before == after:
             continue
-        before, after = changes[0].before, changes[-1].after
-        if line.cut and line.stays[0].since > span.start:
-            _, stay = world.window(name, span.start, span.start).at(span.start)
-            before = None if stay is None else stay.place
-        elif _was_gone(line, span.start):
-            before = None
         if after is None and line.lost and world.is_now(span.end):
             # It may still be there: one look that did not find it is no proof.
             there = elsewhere(world, line).places.get(line.stays[-1].place, 0.0)
             certain *= max(there, 1.0 - there)
             after = line.stays[-1].place if there > 0.5 else None
-        if before == after:
-            continue
-        found.append(Change(name, before, after, changes[-1].start, changes[-1].end))
+        if before is None:
+            line, _ = last_changes(world, name, span, lambda change: True)
+        changes, gone = changes_of(line, span.start, span.end), line.last(span.end)
+        start, end = span.start, min(line.stays[0].since, span.end)
+        if after is None and gone is not None:
+            start, end = gone.until, gone.left_by or span.end
+        elif changes:
+            start, end = changes[-1].start, changes[-1].end
+        if before != after:
+            found.append(Change(name, before, after, start, end))
     return sorted(found, key=lambda change: change.end), certain
-
-
-def _was_gone(line: Timeline, stamp: float) -> bool:
-    """Whether an object was missing at a moment, and back later."""
-    return any(
-        stay.left_by is not None and stay.left_by <= stamp < after.since
-        for stay, after in pairwise(line.stays)
-    )
 
 
 def _is_false(world: Recall, line: Timeline) -> bool:
@@ -342,9 +348,7 @@ def what_is_missing(world: Recall, since: When = None) -> Answer:
     candidates = [name for name, item in world.present.items() if item.lost or item.existence < 0.5]
     candidates += world.active(span.start, span.end)
     for name in world.heads(candidates):
-        line = world.window(name, world.now)
-        if line.lost and (not line.stays or line.stays[-1].until < world.now):
-            line = world.latest(name)
+        line = world.latest(name)
         if (
             line.lost
             and not _is_false(world, line)
@@ -384,7 +388,7 @@ def history(world: Recall, what: str, since: When = None) -> Answer:
     if not stays:
         raise NothingKnownError(f"{clean(name)} was not seen in that time.")
     parts = [f"{spoken(world, stay.place)} from {clock(stay.since)}" for stay in stays[-10:]]
-    more = " at least" if line.cut else ""
+    more = " at least" if line.cut and math.isinf(span.start) else ""
     before = f"{len(stays) - 10} places{more} before; " if len(stays) > 10 else ""
     end = f", missing since {clock(stays[-1].left_by or stays[-1].until)}" if line.lost else ""
     sentence = f"{described(world, name)} was {before}{', then '.join(parts)}{end}."
@@ -396,11 +400,11 @@ def history(world: Recall, what: str, since: When = None) -> Answer:
 def when_last_at(world: Recall, what: str, place: str) -> Answer:
     """When an object was at a place last. value : ISO 8601, None where never. Raises NothingKnownError."""
     name, where = one_named(world, what), place_named(world, place)
-    line = world.latest(name)
-    if line.cut and not any(world.contains(where, stay.place) for stay in line.stays):
-        line = world.timeline(name)
-    stays = [stay for stay in line.stays if world.contains(where, stay.place)]
-    if not stays:
+    for line in world.back(name):
+        stays = [stay for stay in line.stays if world.contains(where, stay.place)]
+        if stays:
+            break
+    else:
         first = clock(line.stays[0].since) if line.stays else "the beginning"
         sentence = f"{described(world, name)} was never {spoken(world, where)} since {first}"
         return Answer.stated(sentence, "when_last_seen", Trust.NOT_SEEN, world.now, None)
@@ -441,13 +445,17 @@ def what_left(world: Recall, place: str, since: When = None) -> Answer:
     where = place_named(world, place)
     span = since_when(world, since, DAY)
     parts, value = [], {}
+
+    def fits(change: Change) -> bool:
+        return is_about(world, change, where, "from") and change.before != change.after
+
     for name in world.heads(world.active(span.start, span.end)):
-        line, last = _last_leaving(world, name, where, span)
+        line, moves = last_changes(world, name, span, fits)
         stay = line.stays[-1] if line.stays else None
         here = stay is not None and not line.lost and world.contains(where, stay.place)
-        if last is not None and not here:
+        if moves and not here:
             value[name] = None if line.lost or stay is None else stay.place
-            parts.append(told_change(world, last))
+            parts.append(told_change(world, moves[-1]))
     sentence = f"No longer {spoken(world, where)}, since {clock(span.start)}: {listed(parts)}"
     if not parts:
         sentence = (
@@ -455,22 +463,3 @@ def what_left(world: Recall, place: str, since: When = None) -> Answer:
         )
     probability = Trust.SEEN * Trust.EACH ** len(parts)
     return Answer.stated(sentence, "what_left", probability, span.start, value)
-
-
-def _last_leaving(world: Recall, name: str, where: str, span: Span) -> tuple[Timeline, Change | None]:
-    """The last time within a span that an object left a place, and its timeline from before that on.
-
-    It is looked for from the end: of a year most often only days are read.
-    """
-    long = AT_FIRST
-    while True:
-        start = max(span.start, span.end - long)
-        line = world.window(name, start)
-        left = [
-            change
-            for change in changes_of(line, start, span.end)
-            if is_about(world, change, where, "from") and change.before != change.after
-        ]
-        if left or start <= max(span.start, 0.0):
-            return line, left[-1] if left else None
-        long *= 8.0

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import re
-from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, wraps
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
-from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.geometry.places import Places
-from world_model.memory.courses import PlaceWords, is_there, of_all
+from world_model.memory.stays import APART, AWAY, MOST, PlaceWords, Timeline, timeline_of
 from world_model.memory.store import Store
+from world_model.memory.store_records import Sight
 from world_model.state import BELIEVED, DAY, PERSON, WorldObject
 from world_model.symbols import Symbols, default_symbols, parse_symbol
 
@@ -27,16 +25,12 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 T = TypeVar("T")
-APART = 0.5  # m: so far from where it was something has been moved, where no other place says so
-AWAY = 900.0  # s: what was missing for longer and is back began another stay
 LOOKS_ALIKE = 0.6
 """Overlap of the distributions of all attributes from which on two objects can be taken for each other."""
-PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY  # What is taken to be known of the rate of moves of anything
-BACK_AGAIN = 0.25  # Share of moves between two looks that lead back before the second
-NEWEST = 400  # Rows of an object's history that a question about the present reads
+LATELY = 3.0 * DAY  # s: of the past that a question about the present reads first
+LONGER = 8.0  # times as much it reads next
 RECENT = 60  # Objects of a class that ended last, among which doubles are looked for
 AROUND = 1.5 * DAY  # s: of the history that says where something was at a moment
-FOUND_AFTER = 1200.0  # s: what was missing is found about so long after it came back
 SAME = 0.93  # That what looks like something that went, and came since, is the same
 RETURNS = 7.0 * DAY  # s: what was away for longer is another one
 
@@ -52,26 +46,6 @@ class Trust:
     NEAR_BY, NOBODY = 0.7, 0.6  # who was where something was moved had to do with it; that nobody had
 
 
-@dataclass(frozen=True)
-class ObjectStay:
-    """An object at one place. place : name, "" where no place is named. came_after, since : between these it came.
-    until, left_by : between these it was found to have gone, None where it was not missed before it was seen elsewhere.
-    position : (3,) m. seen : how often it was seen."""
-
-    place: str
-    came_after: float
-    since: float
-    until: float
-    left_by: float | None
-    position: FloatArray
-    seen: int = 1
-
-    @property
-    def gone(self) -> bool:
-        """Whether it was out of the world, or lost, before it was seen anywhere else."""
-        return self.left_by is not None
-
-
 class Life(NamedTuple):
     """One id: when it was first and last seen, s, whether it has ended, and what it looks like."""
 
@@ -80,90 +54,6 @@ class Life(NamedTuple):
     last: float
     ended: bool
     attributes: Mapping[str, Mapping[str, float]]
-
-
-@dataclass(frozen=True)
-class Timeline:
-    """The stays of one object, oldest first. lost : nobody knows where it is now. cut : whether there is more of it,
-    before these stays, that was not read."""
-
-    id: str
-    stays: tuple[ObjectStay, ...]
-    lost: bool
-    cut: bool = False
-
-    @property
-    def rate(self) -> float:
-        """1/s, at which it moves, with what is known of anything."""
-        if not self.stays:
-            return PRIOR_MOVES / PRIOR_TIME
-        known = self.stays[-1].until - self.stays[0].since
-        return (len(self.stays) - 1 + PRIOR_MOVES) / (known + PRIOR_TIME)
-
-    def at(self, stamp: float) -> tuple[dict[str, float], ObjectStay | None]:
-        """Probability by place at a moment, and the stay that is most probable; {} before it was first seen.
-
-        Between two looks that found it at different places it may have gone at any moment; what is not told for is
-        that nobody knows.
-        """
-        index = bisect_right(self.stays, stamp, key=lambda stay: stay.since) - 1
-        if index < 0:
-            return {}, None
-        stay = self.stays[index]
-        if stamp <= stay.until:
-            return {stay.place: 1.0 - self._doubt(stay)}, stay
-        if index + 1 == len(self.stays):
-            return self._later(stay, stamp), stay
-        after = self.stays[index + 1]
-        left = after.since if stay.left_by is None else min(stay.left_by, after.since)
-        gap = max(left - stay.until, 1e-6)
-        stays_yet = max(1.0 - (stamp - stay.until) / gap, 0.0)
-        back = math.exp(-(after.since - stamp) / FOUND_AFTER) if stay.gone else 1.0
-        there = (1.0 - stays_yet) * back
-        chances = {stay.place: stays_yet}
-        chances[after.place] = chances.get(after.place, 0.0) + there
-        return chances, stay if stays_yet >= there else after
-
-    def _doubt(self, stay: ObjectStay) -> float:
-        """That it was elsewhere for a while during a stay, and nobody saw."""
-        gap = (stay.until - stay.since) / max(stay.seen - 1, 1)
-        return min(BACK_AGAIN * (1.0 - math.exp(-self.rate * gap)), 0.3)
-
-    def _later(self, last: ObjectStay, stamp: float) -> dict[str, float]:
-        """Probability by place after its last stay."""
-        if last.left_by is None:
-            return {last.place: math.exp(-self.rate * (stamp - last.until))}
-        if stamp >= last.left_by:
-            return {}
-        share = 1.0 - (stamp - last.until) / max(last.left_by - last.until, 1e-6)
-        return {last.place: max(share, 0.0)}
-
-    def within(self, start: float, end: float) -> list[ObjectStay]:
-        """The stays that overlap a span."""
-        return [stay for stay in self.stays if stay.until >= start and stay.since <= end]
-
-    def shares(self, start: float, end: float, absent: bool = False) -> dict[str, float]:
-        """Share of the time between two moments that it was at each place.
-
-        absent : of all the time since it was first seen, else of that in which it was anywhere.
-        """
-        return of_all(
-            self.spent(start, end), end - max(start, self.stays[0].since) if absent and self.stays else 0.0
-        )
-
-    def spent(self, start: float, end: float) -> dict[str, float]:
-        """s between two moments by place; of what passed between two stays half each."""
-        spent: dict[str, float] = {}
-        around = zip([None, *self.stays[:-1]], self.stays, [*self.stays[1:], None], strict=True)
-        for before, stay, after in around:
-            since = stay.since if before is None or before.gone else 0.5 * (before.until + stay.since)
-            until = stay.until if stay.gone or after is None else 0.5 * (stay.until + after.since)
-            if stay.left_by is None and after is None:
-                until = end
-            long = min(until, end) - max(since, start)
-            if long > 0.0:
-                spent[stay.place] = spent.get(stay.place, 0.0) + long
-        return spent
 
 
 def remembered(made: Callable[P, T]) -> Callable[P, T]:
@@ -196,7 +86,6 @@ class Recall:
     store: Store | None = None
     sequence: int = -1
     kept: dict[tuple[Any, ...], Any] = field(default_factory=dict, repr=False)
-    whole: dict[str, Timeline] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of_store(cls, store: Store, places: Places | None = None, symbols: Symbols | None = None) -> Recall:
@@ -278,13 +167,13 @@ class Recall:
         lives, links = self._lives(kind), dict(self._successors(kind))
         doubles: dict[str, tuple[str, float]] = {}
         for life in [each for each in lives if each.ended and each.id not in links][-RECENT:]:
-            stays = self.read(life.id, self.epoch).stays
+            stays = self._read(life.id, self.epoch).stays
             for other in lives if stays else ():
                 if other.id == life.id or other.id in doubles or not other.first <= life.last <= other.last:
                     continue
                 if likeness(life.attributes, other.attributes) < LOOKS_ALIKE:
                     continue
-                there = self.read(other.id, self.epoch, stays[-1].since - AWAY, stays[-1].until + AWAY).stays
+                there = self._read(other.id, self.epoch, stays[-1].since - AWAY, stays[-1].until + AWAY).stays
                 spot = stays[-1].position[:2]
                 if any(np.linalg.norm(stay.position[:2] - spot) < APART for stay in there):
                     doubles[life.id] = (other.id, SAME)
@@ -314,18 +203,42 @@ class Recall:
             names.append(previous[names[-1]])
         return names
 
-    def timeline(self, object_id: str) -> Timeline:
-        """All stays of an object, in the newest run that knew it; with those of its earlier ids in this run."""
+    @remembered
+    def line(
+        self, object_id: str, start: float = -math.inf, end: float = math.inf, coarse: bool = False
+    ) -> Timeline:
+        """Where an object was between two moments, s, some time around them and from where it was seen last before;
+        with what it did under its earlier ids in this run. coarse : as of `timeline_of`; up to now."""
         run = self.epochs.get(object_id, self.epoch)
         if run != self.epoch:
-            return self.read(object_id, run)
+            return self._read(object_id, run)
+        until = math.inf if end + AROUND >= self.now else end + AROUND
         name, *earlier = self.names_of(object_id)
-        if name not in self.whole:
-            line = self.read(name, run)
-            for before in earlier:
-                line = _joined(self.read(before, run), line)
-            self.whole[name] = line
-        return self.whole[name]
+        line = self._read(name, run, start - AROUND, until, coarse)
+        for before in earlier:
+            if line.stays and line.stays[0].since <= start:
+                return replace(line, cut=True)
+            line = line.after(self._read(before, run, start - AROUND, until, coarse))
+        return line
+
+    def latest(self, object_id: str, start: float = -math.inf, end: float = math.inf) -> Timeline:
+        """The newest part of an object's timeline before `end`, with a stay where there is one since `start`: what a
+        question about the present needs, however long it is known."""
+        for line in self.back(object_id, start, end):
+            if line.stays:
+                break
+        return line
+
+    def back(self, object_id: str, start: float = -math.inf, end: float = math.inf) -> Iterator[Timeline]:
+        """The part of an object's timeline before `end`, then longer and longer ones, until all since `start` is there:
+        what is looked for is most often found in the first."""
+        long, last = LATELY, min(end, self.now)
+        while True:
+            line = self.line(object_id, max(start, last - long), end)
+            yield line
+            if not line.cut or last - long <= start:
+                return
+            long *= LONGER
 
     def has_changed(self, object_id: str) -> bool:
         """Whether an object looks otherwise than when it was first seen: others may have changed places with it."""
@@ -344,44 +257,6 @@ class Recall:
     def _first_look(self, object_id: str) -> WorldObject | None:
         return None if self.store is None else self.store.look(object_id, self.epoch, first=True)
 
-    def latest(self, object_id: str, most: int = NEWEST) -> Timeline:
-        """The newest part of an object's timeline: what a question about the present needs, however long it is known.
-
-        most : rows of history to read.
-        """
-        name = self.individual(object_id)[0]
-        return self.whole.get(name) or self._latest(name, most)
-
-    @remembered
-    def _latest(self, name: str, most: int) -> Timeline:
-        line = self.read(name, self.epoch, most=most)
-        return line if line.cut and line.stays else self.timeline(name)
-
-    def window(self, object_id: str, start: float, end: float = math.inf) -> Timeline:
-        """The part of an object's timeline around a span of time, from where it was seen last before that on, with that
-        of its earlier ids."""
-        name, begin = self.individual(object_id)[0], start - AROUND
-        if (
-            name in self.whole
-            or self.epochs.get(name, self.epoch) != self.epoch
-            or not 0.0 <= begin < math.inf
-        ):
-            return self.timeline(name)
-        return self._around(name, start, math.inf if end + AROUND >= self.now else end + AROUND)
-
-    @remembered
-    def _around(self, name: str, start: float, until: float) -> Timeline:
-        known = self.read(name, self.epoch, start - AROUND, until)
-        if not (known.stays and known.stays[0].since <= start) and self.store is not None:
-            # It was not looked at for long before: from when it was seen last.
-            earlier = self.store.sights(name, self.epoch, end=start - AROUND, most=1)
-            known = self.read(name, self.epoch, earlier[0][0], until) if earlier else known
-        for before in self.names_of(name)[1:]:
-            if known.stays and known.stays[0].since <= start:
-                break
-            known = _joined(self.read(before, self.epoch, start - AROUND, until), known)
-        return known
-
     @remembered
     def active(self, start: float, end: float) -> list[str]:
         """Objects of this run of which anything is known between two moments."""
@@ -391,29 +266,27 @@ class Recall:
         """Objects that went from where they were no longer than `ago` s before now."""
         return [] if self.store is None else self.store.departed(self.now - ago)
 
-    def read(
-        self, object_id: str, run: int, start: float = -math.inf, end: float = math.inf, most: int = -1
+    def _read(
+        self,
+        object_id: str,
+        run: int,
+        start: float = -math.inf,
+        end: float = math.inf,
+        coarse: bool = False,
     ) -> Timeline:
-        """The stays of one id in a run, between two moments, s, or the newest rows."""
+        """The stays of one id in a run."""
         item = self.present.get(object_id) if run == self.epoch and end >= self.now else None
-        rows = [] if self.store is None else self.store.sights(object_id, run, start, end, most)
-        cut = 0 < most <= len(rows)
-        stamps = [row[0] for row in rows]
-        here = [is_there(row) for row in rows]
-        seen = [row[5] for row in rows]
-        if rows and here[0] and start == -math.inf and not cut:  # believed in only after some looks
-            seen[0], stamps[0] = rows[0][6], rows[0][6]
-        positions = np.frombuffer(b"".join(row[2] for row in rows), "<f8").reshape(-1, 3)
-        if item is not None and not rows:  # all that is known is the present
-            stamps, here, seen, positions = [item.first_seen], [True], [item.first_seen], item.position[None]
-        if item is not None:
-            stamps.append(max(self.now, stamps[-1]))
-            here.append(not item.lost and item.existence >= BELIEVED)
-            seen.append(item.last_seen)
-            positions = np.vstack([positions, item.position[None]])
-        words = self.words(positions)
-        stays = _stays(stamps, here, seen, positions, words)
-        return Timeline(object_id, stays, not here[-1] if here else True, cut)
+        rows: list[Sight] = []
+        if self.store is not None:
+            swept, start = self._happened(start) if coarse else ({}, start)
+            rows = self.store.sights(object_id, run, start, start if coarse else end)
+            rows = rows + swept.get(object_id, [])
+        return timeline_of(object_id, rows, self.words, item, self.now, start, coarse)
+
+    @remembered
+    def _happened(self, start: float) -> tuple[dict[str, list[Sight]], float]:
+        assert self.store is not None
+        return self.store.happened(start, MOST)
 
     @cached_property
     def words(self) -> PlaceWords:
@@ -482,19 +355,6 @@ def _followed(lives: list[Life]) -> dict[str, tuple[str, float]]:
     return links
 
 
-def _joined(before: Timeline, line: Timeline) -> Timeline:
-    """The timeline of an object with that of its earlier id."""
-    if not before.stays or not line.stays:
-        return replace(line, stays=before.stays + line.stays)
-    last, first = before.stays[-1], line.stays[0]
-    if last.place == first.place and last.place and first.since - last.until < AWAY:
-        first = replace(first, came_after=last.came_after, since=last.since, seen=last.seen + first.seen)
-        return replace(line, stays=(*before.stays[:-1], first, *line.stays[1:]))
-    last = replace(last, left_by=min(last.left_by or first.since, first.since))
-    first = replace(first, came_after=last.until)
-    return replace(line, stays=(*before.stays[:-1], last, first, *line.stays[1:]))
-
-
 def ranked(shares: Mapping[str, float]) -> list[str]:
     """Names, that of the largest value first."""
     return sorted(shares, key=lambda name: -shares[name])
@@ -506,54 +366,6 @@ def likeness(mine: Mapping[str, Mapping[str, float]], others: Mapping[str, Mappi
     for name in mine.keys() & others.keys():
         product *= sum(math.sqrt(p * others[name].get(value, 0.0)) for value, p in mine[name].items())
     return product
-
-
-def _stays(
-    stamps: list[float], here: list[bool], seen: list[float], positions: FloatArray, words: list[str]
-) -> tuple[ObjectStay, ...]:
-    """Rows of history joined where an object is still at the same place."""
-    stays: list[ObjectStay] = []
-    for begin, end in _runs(here, positions, words):
-        stamp, position, word = stamps[begin], positions[begin], words[begin]
-        current = stays[-1] if stays else None
-        if not here[begin]:
-            if current is not None and not current.gone:
-                # A measurement up to here still found it there.
-                until = min(max(current.until, seen[begin]), stamp)
-                stays[-1] = replace(current, until=until, left_by=stamp)
-            continue
-        until = min(seen[end - 1], stamps[end - 1])
-        if current is not None and _goes_on(current, word, position, stamp):
-            until, seen_now = max(current.until, until), current.seen + end - begin
-            stays[-1] = replace(current, until=until, left_by=None, seen=seen_now)
-            continue
-        after = current.until if current is not None else -math.inf
-        since = min(seen[begin], stamp) if seen[begin] > after else stamp
-        stays.append(ObjectStay(word, after, since, max(since, until), None, position, end - begin))
-    return tuple(stays)
-
-
-def _runs(here: list[bool], positions: FloatArray, words: list[str]) -> list[tuple[int, int]]:
-    """From, to of rows that tell the same."""
-    if not here:
-        return []
-    number = {word: index for index, word in enumerate(dict.fromkeys(words))}
-    codes = np.array([number[word] if is_here else -1 for word, is_here in zip(words, here, strict=True)])
-    steps = np.linalg.norm(np.diff(positions[:, :2], axis=0), axis=1)
-    nameless = codes == number.get("", -2)
-    changed = (np.diff(codes) != 0) | (nameless[1:] & (steps > 0.2 * APART))
-    edges = [0, *(np.flatnonzero(changed) + 1).tolist(), len(codes)]
-    return list(itertools.pairwise(edges))
-
-
-def _goes_on(current: ObjectStay, word: str, position: FloatArray, stamp: float) -> bool:
-    """Whether what is seen still belongs to a stay."""
-    if current.place != word:
-        return False
-    near = bool(np.linalg.norm(position[:2] - current.position[:2]) < APART)
-    if (not word or current.gone) and not near:
-        return False
-    return current.left_by is None or stamp - current.left_by < AWAY
 
 
 def recall(source: object, places: Places | None = None, symbols: Symbols | None = None) -> Recall:

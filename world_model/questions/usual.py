@@ -6,10 +6,10 @@ import math
 from dataclasses import replace
 
 from world_model.describing import LIKELY, SURE
-from world_model.memory.courses import routines_of
 from world_model.memory.routines import Routines
+from world_model.memory.stays import Timeline, routines_of
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
-from world_model.questions.elsewhere import WEEKS, presence_of
+from world_model.questions.elsewhere import WEEKS, weeks_of
 from world_model.questions.moments import Span
 from world_model.questions.naming import described, one_named, place_named, spoken, where_words
 from world_model.questions.recall import Recall, Trust, ranked, remembered
@@ -29,8 +29,7 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     where = place_named(world, place)
     start = world.now - WEEKS
     inside = {
-        name: world.inside(where, course.shares(start, world.now, absent=True))
-        for name, course in presence_of(world, start).items()
+        line.id: world.inside(where, line.shares(start, world.now, absent=True)) for line in _all_weeks(world)
     }
     shares = {name: inside[name] for name in inside if inside[name] > 0.02}
     usual = [name for name in ranked(shares) if shares[name] >= USUAL]
@@ -107,8 +106,9 @@ def what_is_out_of_place(world: Recall) -> Answer:
     """What is not where it was for most of the last four weeks. value : {id: usual place}."""
     start = world.now - WEEKS
     found = {}
-    for name, course in presence_of(world, start).items():
-        shares, there = course.shares(start, world.now), world.latest(name).at(world.now)[0]
+    for line in _all_weeks(world):
+        name = line.id
+        shares, there = line.shares(start, world.now), world.latest(name).at(world.now)[0]
         usual = most_probable(shares)
         if usual and shares[usual] >= USUAL and there and world.inside(usual, there) < USUAL:
             found[name] = usual
@@ -128,11 +128,16 @@ def what_is_out_of_place(world: Recall) -> Answer:
 @remembered
 def learned(world: Recall) -> Routines:
     """Routines of the last weeks of history. Raises NothingKnownError where there are less than two days."""
-    start = world.now - WEEKS
-    courses = presence_of(world, start)
-    known = world.now - min((float(course.stamps[0]) for course in courses.values()), default=world.now)
+    start, lines = world.now - WEEKS, _all_weeks(world)
+    known = world.now - min((line.stays[0].since for line in lines if line.stays), default=world.now)
     if known < LEAST_DAYS * DAY:
         raise NothingKnownError(
             f"I know no routines yet: I remember {duration(known)}, two days at least are needed."
         )
-    return routines_of(courses, start, world.now, round(WEEKS / DAY) + 1)
+    return routines_of(lines, start, world.now, round(WEEKS / DAY) + 1)
+
+
+def _all_weeks(world: Recall) -> list[Timeline]:
+    """Of all that is no person and was there in the last weeks."""
+    names = world.heads([*world.present, *world.active(world.now - WEEKS, world.now)])
+    return [weeks_of(world, name) for name in names]

@@ -13,6 +13,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.describing import SURE
+from world_model.memory.stays import ObjectStay, Timeline
 from world_model.questions.answers import (
     Answer,
     NothingKnownError,
@@ -24,7 +25,7 @@ from world_model.questions.answers import (
     listed,
     told,
 )
-from world_model.questions.elsewhere import WEEKS, course_of, elsewhere
+from world_model.questions.elsewhere import WEEKS, elsewhere, weeks_of
 from world_model.questions.moments import Span, When, moment
 from world_model.questions.naming import (
     Meant,
@@ -37,7 +38,7 @@ from world_model.questions.naming import (
     spoken,
     things_named,
 )
-from world_model.questions.recall import ObjectStay, Recall, Timeline, Trust, ranked
+from world_model.questions.recall import Recall, Trust, ranked
 from world_model.state import BELIEVED, PERSON, most_probable
 
 TWIN, SWAPPED = 0.85, 0.5
@@ -111,7 +112,7 @@ def where_was(world: Recall, what: str, when: When = None) -> Answer:
 
 def line_at(world: Recall, name: str, stamp: float) -> Timeline:
     """As much of a timeline as a moment needs."""
-    return world.latest(name) if stamp >= world.now else world.window(name, stamp, stamp)
+    return world.latest(name) if stamp >= world.now else world.line(name, stamp, stamp)
 
 
 def within(world: Recall, when: When) -> Span:
@@ -131,7 +132,7 @@ def within(world: Recall, when: When) -> Span:
 
 def _during(world: Recall, name: str, span: Span) -> Answer:
     """Where it was longest, and where else."""
-    line = world.window(name, span.start, span.end)
+    line = world.line(name, span.start, span.end)
     shares = line.shares(span.start, span.end)
     if not shares:
         return _where(world, name, span.middle, "where_was", True)
@@ -237,7 +238,11 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
         sentence = f"{described(world, name)} {seen}, {duration(stamp - stay.until)} ago."
         evidence = evidence_of(line, stay.since, stamp)
         return Answer(sentence, "where_is", Trust.NOT_SEEN, iso(stay.until), None, evidence)
-    back = [other for other in world.alike(name) if _began(world, other) >= stay.until]
+    back = [
+        other
+        for other in world.alike(name)
+        if world.line(other, stay.until, stay.until).at(stay.until)[1] is None
+    ]
     may = elsewhere(world, line)
     last = f"it was seen last {spoken(world, stay.place)} at {clock(stay.until)}, and is no longer there"
     order = [place for place in ranked(may.places) if may.places[place] > 0.02]
@@ -264,17 +269,9 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
     return Answer(f"{sentence}.", "where_is", probability, iso(stamp), None, evidence, tuple(options))
 
 
-def _began(world: Recall, name: str) -> float:
-    """When an object that is there was first seen, s."""
-    line = world.latest(name)
-    return world.present[name].first_seen if line.cut or not line.stays else line.stays[0].since
-
-
 def usual_places(world: Recall, name: str) -> dict[str, float]:
     """Share of the time of the last weeks by place."""
-    start = world.now - WEEKS
-    course = course_of(world, world.individual(name)[0], start)
-    return {} if course is None else course.shares(start, world.now)
+    return weeks_of(world, name).shares(world.now - WEEKS, world.now)
 
 
 def where_usually(world: Recall, what: str) -> Answer:
@@ -318,7 +315,7 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
     if during is None:
         lines = [world.latest(name) for name in meant.ids]
     else:
-        lines = [_cut(world.window(name, during.start, during.end), during) for name in meant.ids]
+        lines = [_cut(world.line(name, during.start, during.end), during) for name in meant.ids]
     lines = [line for line in lines if line.stays]
     if not lines and during is not None:
         sentence = f"{clean(what)} was not seen {during.between}."
@@ -353,7 +350,7 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
 def _cut(line: Timeline, span: Span) -> Timeline:
     """The part of a timeline within a span."""
     stays = (
-        replace(stay, until=min(stay.until, span.end), left_by=None)
+        stay._replace(until=min(stay.until, span.end), left_by=None)
         for stay in line.within(span.start, span.end)
     )
     return replace(line, stays=tuple(stays), lost=False)
@@ -364,7 +361,7 @@ def evidence_of(line: Timeline, start: float, end: float) -> tuple[Mapping[str, 
     found: list[dict[str, Any]] = []
     for stay in line.within(start, end):
         events = {
-            "came": None if line.cut and stay is line.stays[0] else stay.since,  # before what was read
+            "came": None if stay is line.stays[0] and not line.begun else stay.since,  # before what was read
             "seen": stay.until if stay.until > stay.since else None,
             "gone": stay.left_by,
         }
@@ -437,7 +434,7 @@ def _found_at(world: Recall, place: str, when: When, ids: Sequence[str] | None =
     if ids is None and now and not span.lasts:
         ids = world.heads([*world.present, *world.departed(LATELY)])
     for name in world.things() if ids is None else ids:
-        line, item = world.window(name, span.start, span.end), world.present.get(name)
+        line, item = world.line(name, span.start, span.end), world.present.get(name)
         if span.lasts:
             p, least = (
                 world.inside(place, line.spent(span.start, span.end)) / max(span.end - span.start, 1.0),
@@ -466,7 +463,7 @@ def what_is_at(world: Recall, place: str, when: When = None) -> Answer:
         told_of = f"{found.named(world)} {found.verbs[len(there) > 1]}"
     at = at_the(world, where) or (" seen" if found.lasts else " here")
     looks = [
-        evidence_of(world.window(name, stamp, stamp), stamp, stamp) for name in there[:4] if not found.lasts
+        evidence_of(world.line(name, stamp, stamp), stamp, stamp) for name in there[:4] if not found.lasts
     ]
     evidence = tuple(entry for look in looks for entry in look)
     sentence, p = f"{told_of}{at}{found.then}", found.probability(Trust.NOT_SEEN)
@@ -498,7 +495,7 @@ def is_at(world: Recall, what: str, place: str, when: When = None) -> Answer:
     else:
         sentence = f"No, {_not_at(world, meant, where, found)}"
     name = found.there[0] if lasts and found.there else meant.ids[0]
-    evidence = evidence_of(world.window(name, span.start, span.end), span.start, span.end)
+    evidence = evidence_of(world.line(name, span.start, span.end), span.start, span.end)
     options = () if lasts else found.options(where)
     return Answer.stated(sentence, "is_at", max(p, 1.0 - p), span.start, p >= 0.5, evidence, options)
 
