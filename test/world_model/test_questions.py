@@ -299,6 +299,18 @@ def test_an_empty_store_and_one_without_places_answer(tmp_path: Path) -> None:
         assert ask(store, "what is on the desk?").kind == "unknown"
 
 
+def test_without_places_positions_are_told_and_moves_between_them_counted(tmp_path: Path) -> None:
+    table, desk = "(2.00, 1.60, 0.90) m", "(1.00, 8.00, 1.00) m"
+    with lived(tmp_path / "bare.sqlite", None) as store:
+        assert ask(store, "how often was the red cup moved since monday?").value == 6
+        moved = ask(store, "when was the red cup moved?")
+        assert f"went from {desk} to {table}" in moved.sentence
+        assert f"went from {desk} to {table}" in ask(store, "what has changed since yesterday noon?").sentence
+        assert list(ask(store, "what has changed since monday noon?").value) == ["book-1", "cup-1"]
+        assert ask(store, "how long has the red cup been there?").value == pytest.approx(HOUR)
+        assert "at (8.00, 0.60, 0.60) m" in ask(store, "what is missing?").sentence
+
+
 def test_places_are_kept_with_their_history(tmp_path: Path) -> None:
     path = tmp_path / "world.sqlite"
     smaller = Places({name: HOME[name] for name in ("kitchen", "kitchen_table")})

@@ -78,6 +78,14 @@ class ObjectStay(NamedTuple):
         """Whether it was out of the world, or lost, before it was seen anywhere else."""
         return self.left_by is not None
 
+    def is_where(self, other: ObjectStay) -> bool:
+        """Whether another stay is at the same place, where none is named so near that nothing was moved."""
+        return self.place == other.place and (bool(self.place) or self.is_near(other.position))
+
+    def is_near(self, position: FloatArray) -> bool:
+        """Whether nothing has to be moved from here to a position (3,), m."""
+        return bool(np.linalg.norm(position[:2] - self.position[:2]) < APART)
+
 
 @dataclass(frozen=True)
 class Timeline:
@@ -145,10 +153,10 @@ class Timeline:
         index = bisect_right(self.stays, stamp, key=lambda stay: stay.since) - 1
         return self.stays[index] if index >= 0 else None
 
-    def place_at(self, stamp: float) -> str | None:
+    def found_by(self, stamp: float) -> ObjectStay | None:
         """Where it was found last before a moment, None where it was not there yet, or found to have gone since."""
         stay = self.last(stamp)
-        return None if stay is None or (stay.left_by or math.inf) <= stamp else stay.place
+        return None if stay is None or (stay.left_by or math.inf) <= stamp else stay
 
     def within(self, start: float, end: float) -> list[ObjectStay]:
         """The stays that overlap a span."""
@@ -288,8 +296,7 @@ def _goes_on(current: ObjectStay, word: str, position: FloatArray, stamp: float,
     """Whether what is seen still belongs to a stay."""
     if current.place != word:
         return False
-    near = bool(np.linalg.norm(position[:2] - current.position[:2]) < APART)
-    if (not word or current.gone) and not near:
+    if (not word or current.gone) and not current.is_near(position):
         return False
     return current.left_by is None or stamp - current.left_by < away
 

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from world_model.memory.stays import ObjectStay
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
 from world_model.questions.recall import Recall, remembered, singulars
 from world_model.questions.wording import is_called, respelled
@@ -51,12 +52,21 @@ def plain(text: str) -> str:
     return re.sub(r"^(?:every|any|some)thing (?:that is )?(?!in\b|on\b|at\b)(\w+)$", r"\1 things", words)
 
 
-def spoken(world: Recall, place: str) -> str:
-    """ "on the kitchen table"."""
+def spoken(world: Recall, where: str | ObjectStay) -> str:
+    """ "on the kitchen table", of a place or a stay; of a stay at no place with a name its position."""
+    place = where if isinstance(where, str) else where.place
+    if not place and not isinstance(where, str):
+        return position_of(where)
     if place not in world.places:
         return f"near {clean(place)}" if place else "at no place with a name"
     known = world.places[place]
     return f"{clean(known.preposition)} the {name_of(place)}"
+
+
+def position_of(stay: ObjectStay) -> str:
+    """ "at (1.20, 3.40, 0.75) m"."""
+    x, y, z = stay.position
+    return f"at ({x:.2f}, {y:.2f}, {z:.2f}) m"
 
 
 def at_the(world: Recall, place: str) -> str:
@@ -245,7 +255,7 @@ def where_words(world: Recall, object_id: str) -> str:
     line = world.latest(object_id)
     if not line.stays:
         return "that was never seen for certain"
-    last = spoken(world, line.stays[-1].place)
+    last = spoken(world, line.stays[-1])
     return f"last {last}, missing now" if line.lost else last
 
 

@@ -30,15 +30,30 @@ CONFIRMED = 60.0  # s: what was seen for less may have been a false detection, a
 
 @dataclass(frozen=True)
 class Change:
-    """An object came, went, or went from one place to another, between two moments. before, after : places, None where
-    it was not in the world. left_by : when it was found to be gone, if it was nowhere for a while."""
+    """An object came, went, or went from one place to another, between two moments. left, came : its stays before and
+    after, None where it was not in the world. left_by : when it was found to be gone, if it was nowhere for a while."""
 
     object: str
-    before: str | None
-    after: str | None
+    left: ObjectStay | None
+    came: ObjectStay | None
     start: float
     end: float
     left_by: float | None = None
+
+    @property
+    def before(self) -> str | None:
+        """The place it left."""
+        return None if self.left is None else self.left.place
+
+    @property
+    def after(self) -> str | None:
+        """The place it came to."""
+        return None if self.came is None else self.came.place
+
+    @property
+    def back(self) -> bool:
+        """Whether it is where it was."""
+        return self.left is not None and self.came is not None and self.left.is_where(self.came)
 
 
 def since_when(world: Recall, when: When, usual: float = math.inf) -> Span:
@@ -59,13 +74,13 @@ def changes_of(line: Timeline, start: float, end: float) -> list[Change]:
     """What happened to an object within a span."""
     stays = line.stays
     first = stays[:1] if line.begun else ()
-    found = [Change(line.id, None, each.place, each.since, each.since) for each in first]
+    found = [Change(line.id, None, each, each.since, each.since) for each in first]
     found += [
-        Change(line.id, before.place, stay.place, before.until, stay.since, before.left_by)
+        Change(line.id, before, stay, before.until, stay.since, before.left_by)
         for before, stay in pairwise(stays)
     ]
     if stays and stays[-1].left_by is not None:
-        found.append(Change(line.id, stays[-1].place, None, stays[-1].until, stays[-1].left_by))
+        found.append(Change(line.id, stays[-1], None, stays[-1].until, stays[-1].left_by))
     return [change for change in found if start < change.end <= end]
 
 
@@ -87,7 +102,8 @@ def moves_at(world: Recall, place: str, span: Span, way: str = "") -> list[Chang
         change
         for name in world.heads(world.active(span.start, span.end))
         for change in changes_of(world.line(name, span.start, span.end), span.start, span.end)
-        if is_about(world, change, place, way) and (way == "to" or change.before not in (None, change.after))
+        if is_about(world, change, place, way)
+        and (way == "to" or (change.left is not None and not change.back))
     ]
 
 
@@ -101,7 +117,7 @@ def how_often(world: Recall, what: str, place: str = "", since: When = None) -> 
         said = f"was {spoken(world, where)} {_times(count)}" if count else f"was never {spoken(world, where)}"
     else:
         changes = changes_of(line, span.start, span.end)
-        count = sum(None not in (each.before, each.after) and each.before != each.after for each in changes)
+        count = sum(None not in (each.left, each.came) and not each.back for each in changes)
         if gone and until_now:
             # It has gone from where it was, to where nobody has looked yet, or out of the house.
             out = elsewhere(world, line).out
@@ -189,17 +205,21 @@ def _how_long(world: Recall, name: str, place: str) -> Answer:
         gone = last.left_by or now
         said = (
             f"has been missing for {duration(now - gone)}, since {clock(gone)} at the latest; before that it was "
-            f"{spoken(world, last.place)} for {duration(last.until - last.since)}"
+            f"{spoken(world, last)} for {duration(last.until - last.since)}"
         )
         return long(said, Trust.NOT_SEEN, gone, now - gone, last.since, gone)
     where = place_named(world, place) if place else last.place
+
+    def is_there(stay: ObjectStay) -> bool:
+        return world.contains(where, stay.place) if where else stay.is_where(last)
+
     for line in world.back(name):
-        there = takewhile(lambda stay: not stay.gone and world.contains(where, stay.place), line.stays[::-1])
+        there = takewhile(lambda stay: not stay.gone and is_there(stay), line.stays[::-1])
         stays = list(there)
         if len(stays) < len(line.stays):
             break
     if not stays:
-        said = f"is not {spoken(world, where)}, but {spoken(world, last.place)}"
+        said = f"is not {spoken(world, where)}, but {spoken(world, last)}"
         return long(said, Trust.STORY, now, None, last.since, now)
     came, earliest = stays[-1].since, stays[-1].came_after
     probability = Trust.SEEN * line.at(now)[0].get(last.place, 0.5)
@@ -207,7 +227,9 @@ def _how_long(world: Recall, name: str, place: str) -> Answer:
     more = f" (at most {duration(came - earliest)} longer)" if unsure else ""
     has = "has been" if probability >= Trust.NOT_SEEN else "has probably been"
     since = f"{duration(now - came)}{more}, since {clock(came)}, {told(probability)}"
-    found = long(f"{has} {spoken(world, where)} for {since}", probability, came, now - came, came, now)
+    found = long(
+        f"{has} {spoken(world, where or last)} for {since}", probability, came, now - came, came, now
+    )
     return replace(found, alternatives=({"stamp": iso(earliest), "probability": 0.0},)) if unsure else found
 
 
@@ -244,8 +266,7 @@ def moves_of(
     """
 
     def fits(change: Change) -> bool:
-        was = change.before
-        return was is not None and (back or was != change.after) and is_about(world, change, place, way)
+        return change.left is not None and (back or not change.back) and is_about(world, change, place, way)
 
     if math.isinf(span.start):
         return last_changes(world, name, span, fits)
@@ -266,22 +287,23 @@ def last_changes(
 
 def told_change(world: Recall, change: Change) -> str:
     name = described(world, change.object)
-    if change.before is None:
-        return f"{name} is new {spoken(world, change.after or '')}, seen there first at {clock(change.end)}"
-    if change.after is None:
-        return f"{name} is no longer {spoken(world, change.before)}; it went by {clock(change.end)}"
+    if change.left is None:
+        return f"{name} is new {spoken(world, change.came or '')}, seen there first at {clock(change.end)}"
+    if change.came is None:
+        return f"{name} is no longer {spoken(world, change.left)}; it went by {clock(change.end)}"
     between = f"at {clock(change.end)}"
     if change.end - change.start >= 60.0:
         between = Span(change.start, change.end).between
     if change.left_by is not None and change.end - change.left_by > AWAY:
-        left = f"{name} left {_end(world, change.before)} by {clock(change.left_by)}"
-        return f"{left} and was found {spoken(world, change.after)} at {clock(change.end)}"
-    return f"{name} went from {_end(world, change.before)} to {_end(world, change.after)} {between}"
+        left = f"{name} left {_end(world, change.left)} by {clock(change.left_by)}"
+        return f"{left} and was found {spoken(world, change.came)} at {clock(change.end)}"
+    return f"{name} went from {_end(world, change.left)} to {_end(world, change.came)} {between}"
 
 
-def _end(world: Recall, place: str) -> str:
+def _end(world: Recall, where: str | ObjectStay) -> str:
     """ "the kitchen table"."""
-    return f"the {name_of(place)}" if place in world.places else spoken(world, place)
+    place = where if isinstance(where, str) else where.place
+    return f"the {name_of(place)}" if place in world.places else spoken(world, where).removeprefix("at ")
 
 
 def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
@@ -311,14 +333,14 @@ def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
     for name in world.heads(world.active(span.start, span.end)):
         line = world.latest(name, span.start, span.end)
         begun = world.line(name, span.start, span.start) if span.end - span.start > LATELY else line
-        before, after = begun.place_at(span.start), line.place_at(span.end)
-        if _is_false(world, line) or before == after:
+        before, after = begun.found_by(span.start), line.found_by(span.end)
+        if _is_false(world, line) or _as_it_was(before, after):
             continue
         if after is None and line.lost and world.is_now(span.end):
             # It may still be there: one look that did not find it is no proof.
             there = elsewhere(world, line).places.get(line.stays[-1].place, 0.0)
             certain *= max(there, 1.0 - there)
-            after = line.stays[-1].place if there > 0.5 else None
+            after = line.stays[-1] if there > 0.5 else None
         if before is None:
             line, _ = last_changes(world, name, span, lambda change: True)
         changes, gone = changes_of(line, span.start, span.end), line.last(span.end)
@@ -327,9 +349,14 @@ def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
             start, end = gone.until, gone.left_by or span.end
         elif changes:
             start, end = changes[-1].start, changes[-1].end
-        if before != after:
+        if not _as_it_was(before, after):
             found.append(Change(name, before, after, start, end))
     return sorted(found, key=lambda change: change.end), certain
+
+
+def _as_it_was(before: ObjectStay | None, after: ObjectStay | None) -> bool:
+    """Whether an object is, or is not, where it was."""
+    return before is after if before is None or after is None else before.is_where(after)
 
 
 def _is_false(world: Recall, line: Timeline) -> bool:
@@ -360,7 +387,7 @@ def what_is_missing(world: Recall, since: When = None) -> Answer:
                 missing.append((line.stays[-1].left_by or line.stays[-1].until, name, line.stays[-1]))
     missing.sort(reverse=True)
     parts = [
-        f"{described(world, name)}, seen last {spoken(world, stay.place)} at {clock(stay.until)}"
+        f"{described(world, name)}, seen last {spoken(world, stay)} at {clock(stay.until)}"
         for _, name, stay in missing
     ]
     then = "" if since is None else f" {period_of(world, span)}"
@@ -387,7 +414,7 @@ def history(world: Recall, what: str, since: When = None) -> Answer:
     stays = line.within(span.start, span.end)
     if not stays:
         raise NothingKnownError(f"{clean(name)} was not seen in that time.")
-    parts = [f"{spoken(world, stay.place)} from {clock(stay.since)}" for stay in stays[-10:]]
+    parts = [f"{spoken(world, stay)} from {clock(stay.since)}" for stay in stays[-10:]]
     more = " at least" if line.cut and math.isinf(span.start) else ""
     before = f"{len(stays) - 10} places{more} before; " if len(stays) > 10 else ""
     end = f", missing since {clock(stays[-1].left_by or stays[-1].until)}" if line.lost else ""
@@ -447,7 +474,7 @@ def what_left(world: Recall, place: str, since: When = None) -> Answer:
     parts, value = [], {}
 
     def fits(change: Change) -> bool:
-        return is_about(world, change, where, "from") and change.before != change.after
+        return is_about(world, change, where, "from") and not change.back
 
     for name in world.heads(world.active(span.start, span.end)):
         line, moves = last_changes(world, name, span, fits)

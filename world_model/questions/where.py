@@ -35,6 +35,7 @@ from world_model.questions.naming import (
     one_named,
     place_named,
     plain,
+    position_of,
     spoken,
     things_named,
 )
@@ -172,7 +173,7 @@ def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> 
     if certain < 0.25 and kind == "where_was":
         return _unknown(world, name, line, stay, stamp)
     verb = hedged(certain, "is" if kind == "where_is" else "was")
-    where = spoken(world, place) if place else _position(stay)
+    where = spoken(world, place or stay)
     seen = f"seen there last at {clock(stay.until)}" if kind == "where_is" else f"at {clock(stamp)}"
     doubt = f"; it cannot be told from {listed(map(clean, twins))}" if twins else ""
     also = f", now called {clean(line.id)}," if line.id != name else ""
@@ -183,7 +184,7 @@ def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> 
         {"object": twin, "place": place, "probability": (1.0 - certain) / len(twins)} for twin in twins
     ]
     evidence = evidence_of(line, stay.since, stay.until)
-    return Answer(sentence, kind, certain, iso(stamp), place or _position(stay), evidence, tuple(options))
+    return Answer(sentence, kind, certain, iso(stamp), place or position_of(stay), evidence, tuple(options))
 
 
 def _exchanged(world: Recall, name: str, stamp: float, kind: str) -> Answer:
@@ -199,11 +200,6 @@ def _exchanged(world: Recall, name: str, stamp: float, kind: str) -> Answer:
     )
     options = ({"object": name, "place": own.value, "probability": 0.2}, *there.alternatives)
     return replace(there, sentence=sentence, probability=0.8 * there.probability, alternatives=options)
-
-
-def _position(stay: ObjectStay) -> str:
-    x, y, z = stay.position
-    return f"at ({x:.2f}, {y:.2f}, {z:.2f}) m"
 
 
 def _identity(world: Recall, line: Timeline, twins: list[str]) -> float:
@@ -226,7 +222,7 @@ def _unknown(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
     known = before[-1] if before else stay
     sentence = (
         f"Nobody knows where {described(world, name)} was at {clock(stamp)}: it was seen last before that "
-        f"{spoken(world, known.place)}, at {clock(known.until)}."
+        f"{spoken(world, known)}, at {clock(known.until)}."
     )
     return Answer(sentence, "where_was", 0.7, iso(stamp), None, evidence_of(line, known.since, known.until))
 
@@ -234,7 +230,7 @@ def _unknown(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
 def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: float) -> Answer:
     """It is not where it was: where it probably went, or what looks like it and came since."""
     if world.kind(name) == PERSON:
-        seen = f"was seen last {spoken(world, stay.place)} at {clock(stay.until)}"
+        seen = f"was seen last {spoken(world, stay)} at {clock(stay.until)}"
         sentence = f"{described(world, name)} {seen}, {duration(stamp - stay.until)} ago."
         evidence = evidence_of(line, stay.since, stamp)
         return Answer(sentence, "where_is", Trust.NOT_SEEN, iso(stay.until), None, evidence)
@@ -244,7 +240,7 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
         if world.line(other, stay.until, stay.until).at(stay.until)[1] is None
     ]
     may = elsewhere(world, line)
-    last = f"it was seen last {spoken(world, stay.place)} at {clock(stay.until)}, and is no longer there"
+    last = f"it was seen last {spoken(world, stay)} at {clock(stay.until)}, and is no longer there"
     order = [place for place in ranked(may.places) if may.places[place] > 0.02]
     options = list(places_of(name, may.places, order))
     evidence = evidence_of(line, stay.since, stamp)
@@ -329,7 +325,7 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
     also = "".join(f"; {described(world, each.id)} at {clock(each.stays[-1].until)}" for each in others[:3])
     sentence = (
         f"{described(world, line.id)} was seen last at {clock(stay.until)}, {duration(world.now - stay.until)} ago, "
-        f"{spoken(world, stay.place)}{missing}{also}."
+        f"{spoken(world, stay)}{missing}{also}."
     )
     options = tuple(
         {
