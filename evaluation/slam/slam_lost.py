@@ -19,7 +19,7 @@ from whereabouts.simulation import Drive, Lidar, random_floor
 from whereabouts.system.progress import track
 
 Array = NDArray[np.float64]
-# Left out of the choice of how long a path has to agree, which was made on fr079.
+# Left out of the choices of how long a path has to agree, and how well, which were made on fr079.
 LOGS = ("freiburg-101-corrected.log.gz", "belgioioso-corrected.log.gz", "mit-csail.clf.bz2")
 STARTS, MOST = 12, 10.0  # drives of a log, in its second half, and metres of each
 NEAR = 3.0  # metres from a keyframe of the map within which a place is mapped
