@@ -92,16 +92,6 @@ ParamsFile = Annotated[
 TumFile = Annotated[Path | None, file_to_write("--out", "T.tum", "Write the trajectory, one line per scan.")]
 JsonFile = Annotated[Path | None, file_to_write("--json", "FILE", "Write the figures to FILE as JSON.")]
 
-Dask = Annotated[
-    str,
-    typer.Option(
-        "--dask",
-        metavar="ADDRESS",
-        help="Compute on a Dask cluster: tcp://HOST:8786, or local:N for N workers on this machine.",
-    ),
-]
-Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of processes.")]
-
 
 @dataclass
 class LogReading:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -12,11 +13,7 @@ from whereabouts import __version__
 from whereabouts.cli.ask import ask
 from whereabouts.cli.console import console
 from whereabouts.cli.convert import convert
-from whereabouts.cli.demo import demo
 from whereabouts.cli.doctor import doctor
-from whereabouts.cli.experiment import experiment
-from whereabouts.cli.intentions import intentions
-from whereabouts.cli.loops import app as loops
 from whereabouts.cli.mcp import mcp
 from whereabouts.cli.merge import merge
 from whereabouts.cli.odometry import odometry
@@ -52,12 +49,36 @@ def _say_version(wanted: bool) -> None:
 app = typer.Typer(
     name="whereabouts", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
+
+
+def _lacking() -> NoReturn:
+    """Needs the package whereabouts-evaluation, which is not installed."""
+    raise ModuleNotFoundError(name="evaluation")
+
+
+def _add_of_evaluation(name: str) -> None:
+    """A command that comes with the experiments; without them it says what to install."""
+    try:
+        module = importlib.import_module(f"evaluation.cli.{name}")
+    except ModuleNotFoundError:
+        app.command(name, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})(
+            _lacking
+        )
+        return
+    if hasattr(module, "app"):
+        app.add_typer(module.app, name=name)
+    else:
+        app.command()(getattr(module, name))
+
+
 for command in (
-    demo, setup, doctor, parameters, run, ask, find, forget, save_map, load_map, mcp, console, view,
-    odometry, slam, merge, track, segment, world, intentions, convert, experiment, security,
+    "demo", setup, doctor, parameters, run, ask, find, forget, save_map, load_map, mcp, console, view, odometry,
+    slam, merge, track, segment, world, "intentions", convert, "experiment", security, "loops",
 ):  # fmt: skip
-    app.command()(command)
-app.add_typer(loops, name="loops")
+    if isinstance(command, str):
+        _add_of_evaluation(command)
+    else:
+        app.command()(command)
 
 
 @app.callback()

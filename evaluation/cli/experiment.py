@@ -8,11 +8,18 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import Dask, JsonFile, target_folder, write_figures
+from whereabouts.cli.common import JsonFile, target_folder, write_figures
 
 OUT = Path("experiments-out")
 
-
+Dask = Annotated[
+    str,
+    typer.Option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Compute on a Dask cluster: tcp://HOST:8786, or local:N for N workers on this machine.",
+    ),
+]
 Folders = Annotated[
     list[Path] | None,
     typer.Argument(metavar="[OLD NEW]", help="For `compare`: two folders or files of results."),

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from whereabouts.cli.common import Dask, Jobs, JsonFile, file_to_write, write_figures
+from evaluation.cli.experiment import Dask
+from whereabouts.cli.common import JsonFile, file_to_write, write_figures
 
 if TYPE_CHECKING:
     from evaluation.loops.place_training import Recording
@@ -63,6 +64,7 @@ Rounds = Annotated[
 Negatives = Annotated[
     int, typer.Option("--negatives", min=10, help="Number of negative pairs from each log.")
 ]
+Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of processes.")]
 Seed = Annotated[int, typer.Option("--seed", help="Random seed.")]
 
 
