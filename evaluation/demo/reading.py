@@ -114,7 +114,7 @@ def read_truth(bag: Path) -> Truth:
 
 def read_said(recording: Path) -> Said:
     """A recording of the topics of `demo_suite.RECORDED`. Needs ROS, for the suite's messages."""
-    from whereabouts.nodes.messages.world_reading import state_from_message
+    from whereabouts.messages.world_objects import state_from_message
 
     said = Said(read_replay(recording))
 

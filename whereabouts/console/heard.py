@@ -10,10 +10,11 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import compound
-from whereabouts.console.shown import Shown, empty, map_picture, moved, person, thing_of_message
-from whereabouts.messages.decode import nanoseconds
+from whereabouts.console.shown import Shown, empty, map_picture, moved, person, thing
+from whereabouts.messages.decode import seconds
 from whereabouts.messages.message_rotations import pose_in_plane
 from whereabouts.messages.records import MAP_FRAME, strip_slash
+from whereabouts.messages.world_objects import object_from_message
 
 TASKS = 20
 """Decisions to look again that are kept."""
@@ -82,7 +83,7 @@ class Heard:
         self._takers[topic](message)
         header = getattr(message, "header", None)
         if header is not None and topic != "/diagnostics":
-            self._stamp = max(self._stamp, nanoseconds(header.stamp) / 1e9)
+            self._stamp = max(self._stamp, seconds(header.stamp))
 
     def world(self) -> Shown:
         """All of it. Where nothing says where the map is, positions are those of the odometry's frame."""
@@ -103,7 +104,7 @@ class Heard:
         for item in message.transforms:
             child = strip_slash(item.child_frame_id)
             self._parents[child] = (strip_slash(item.header.frame_id), pose_in_plane(item.transform))
-            self._stamp = max(self._stamp, nanoseconds(item.header.stamp) / 1e9)
+            self._stamp = max(self._stamp, seconds(item.header.stamp))
 
     def _take_odometry(self, message: Any) -> None:
         child, frame = strip_slash(message.child_frame_id), strip_slash(message.header.frame_id)
@@ -131,7 +132,7 @@ class Heard:
         fresh = {
             name: (message, self._pose(strip_slash(message.header.frame_id)))
             for name, message in self._newest.items()
-            if self._stamp - _seconds(message) <= PEOPLE_AGE
+            if self._stamp - seconds(message.header.stamp) <= PEOPLE_AGE
         }
         if "targets" not in fresh:
             return []
@@ -151,14 +152,19 @@ class Heard:
     def _take_world(self, message: Any) -> None:
         pose = self._pose(strip_slash(message.header.frame_id))
         # Who moves by itself is shown by the tracker.
-        things = [item for item in map(thing_of_message, message.objects) if item["class"] not in MOVERS]
+        things = [thing(object_from_message(item)) for item in message.objects]
+        things = [item for item in things if item["class"] not in MOVERS]
         for item in things:
             item["x"], item["y"] = moved(pose, item["x"], item["y"])
         self._things = things
 
     def _take_task(self, message: Any) -> None:
         self._tasks.append(
-            {"object": str(message.object_id), "reason": str(message.reason), "stamp": _seconds(message)}
+            {
+                "object": str(message.object_id),
+                "reason": str(message.reason),
+                "stamp": seconds(message.header.stamp),
+            }
         )
 
     def _take_goal(self, kind: str, message: Any) -> None:
@@ -200,7 +206,3 @@ class Heard:
         number = 1 if self._map is None else self._map["number"] + 1
         self._map = {"box": [round(value, 3) for value in box], "number": number}
         self._drawn = True
-
-
-def _seconds(message: Any) -> float:
-    return nanoseconds(message.header.stamp) / 1e9

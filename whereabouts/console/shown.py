@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -36,59 +35,24 @@ def empty() -> Shown:
 
 
 def thing(item: WorldObject) -> Shown:
-    """An object as a store has it."""
-    return _thing(
-        item.id, item.attributes, item.position, item.covariance,
-        existence=item.existence, lost=item.lost, place=item.place, sure=item.place_probability,
-        seen=item.last_seen,
-    )  # fmt: skip
-
-
-def thing_of_message(item: Any) -> Shown:
-    """The same of a `whereabouts_msgs/WorldObject`."""
-    point = item.pose.pose.position
-    known = {attribute.name: attribute.discrete for attribute in item.properties}
-    return _thing(
-        item.id,
-        {name: _mapping(values) for name, values in {**known, "class": item.class_distribution}.items()},
-        np.array([point.x, point.y, point.z]),
-        np.asarray(item.pose.covariance, dtype=float).reshape(6, 6)[:3, :3],
-        existence=float(item.existence_probability),
-        lost=bool(item.lost),
-        place=str(item.place),
-        sure=float(item.place_probability),
-        seen=item.last_seen.sec + 1e-9 * item.last_seen.nanosec,
-    )
-
-
-def _mapping(distribution: Any) -> dict[str, float]:
-    return dict(zip(distribution.values, map(float, distribution.probabilities), strict=False))
-
-
-def _thing(
-    name: str,
-    attributes: Mapping[str, Mapping[str, float]],
-    position: FloatArray,
-    covariance: FloatArray,
-    **known: Any,
-) -> Shown:
-    classes, colors = attributes.get("class", {}), attributes.get("color", {})
+    """An object."""
+    classes, colors = item.attributes.get("class", {}), item.attributes.get("color", {})
     kind, color = most_probable(classes), most_probable(colors)
-    (a, b), (_, c) = covariance[:2, :2].tolist()
+    (a, b), (_, c) = item.covariance[:2, :2].tolist()
     # The larger eigenvalue.
     spread = math.sqrt(max(0.5 * (a + c) + math.hypot(0.5 * (a - c), b), 0.0))
     return {
-        "id": name,
+        "id": item.id,
         "class": kind,
         "class_probability": round(float(classes.get(kind, 0.0)), 3),
         "color": color if colors.get(color, 0.0) > LIKELY else "",
-        **{key: round(float(value), 3) for key, value in zip("xyz", position, strict=True)},
+        **{key: round(float(value), 3) for key, value in zip("xyz", item.position, strict=True)},
         "spread": round(spread, 3),
-        "existence": round(float(known["existence"]), 3),
-        "lost": known["lost"],
-        "place": known["place"],
-        "place_probability": round(float(known["sure"]), 3),
-        "last_seen": round(float(known["seen"]), 3),
+        "existence": round(float(item.existence), 3),
+        "lost": bool(item.lost),
+        "place": str(item.place),
+        "place_probability": round(float(item.place_probability), 3),
+        "last_seen": round(float(item.last_seen), 3),
     }
 
 

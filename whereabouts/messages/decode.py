@@ -29,6 +29,7 @@ COLOR_FIELDS = ("rgb", "rgba")
 TIME_FIELDS = ("t", "time", "timestamp", "time_stamp", "offset_time")
 SLOWEST = 10.0  # s between beams; more is not meant
 PLANE = np.ix_((0, 1, 5), (0, 1, 5))
+NANOSECONDS = 1_000_000_000
 
 
 class UnusableMessageError(InputError):
@@ -37,12 +38,12 @@ class UnusableMessageError(InputError):
 
 def nanoseconds(stamp: Any) -> int:
     """builtin_interfaces/Time in nanoseconds."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 def seconds(stamp: Any) -> float:
     """builtin_interfaces/Time as seconds, rounded once: a stamp that was a float is that float again."""
-    return nanoseconds(stamp) / 1_000_000_000
+    return nanoseconds(stamp) / NANOSECONDS
 
 
 def scans(message: Any, topic: str) -> Iterator[ScanRecord]:
@@ -80,7 +81,7 @@ def _scan(message: Any, ranges: Array, topic: str) -> ScanRecord:
 
 def odometry(message: Any, topic: str) -> Iterator[OdometryRecord]:
     """nav_msgs/Odometry; a covariance or twist that is all zero was not filled in."""
-    pose = _matrix(message.pose.pose.position, message.pose.pose.orientation)
+    pose = pose_matrix(message.pose.pose.position, message.pose.pose.orientation)
     twist = message.twist.twist
     velocity = np.array((twist.linear.x, twist.linear.y, twist.angular.z))
     covariance = np.asarray(message.pose.covariance, dtype=np.float64).reshape(6, 6)[PLANE]
@@ -102,7 +103,7 @@ def odometry(message: Any, topic: str) -> Iterator[OdometryRecord]:
 def transforms(message: Any, topic: str) -> Iterator[TransformRecord]:
     """tf2_msgs/TFMessage, one record for each transform."""
     for stamped in message.transforms:
-        matrix = _matrix(stamped.transform.translation, stamped.transform.rotation)
+        matrix = pose_matrix(stamped.transform.translation, stamped.transform.rotation)
         if not np.isfinite(matrix).all():
             raise UnusableMessageError("transform that is not finite")
         child = strip_slash(stamped.child_frame_id)
@@ -110,7 +111,8 @@ def transforms(message: Any, topic: str) -> Iterator[TransformRecord]:
         yield TransformRecord(matrix, stamp, strip_slash(stamped.header.frame_id), child, topic)
 
 
-def _matrix(position: Any, orientation: Any) -> Array:
+def pose_matrix(position: Any, orientation: Any) -> Array:
+    """(4, 4) of a position and a quaternion. Raises UnusableMessageError for a quaternion that was never set."""
     matrix = np.eye(4)
     try:
         matrix[:3, :3] = rotation_of((orientation.x, orientation.y, orientation.z, orientation.w))

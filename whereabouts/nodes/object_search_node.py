@@ -22,7 +22,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from estimation.errors import InputError
 from whereabouts.nodes.messages.markers import colour, marker, point
 from whereabouts.nodes.messages.packed import Packed
-from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS, seconds, time_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.messages.world_messages import object_message
 from whereabouts.nodes.messages.world_reading import LatestState, grid_from_message, planar_pose, pose_stamped
@@ -165,7 +165,7 @@ class ObjectSearchNode(SuiteNode):
 
     async def _drive(self, handle: Any, request: Any, wanted: str, serial: int, result: Any) -> None:
         """Goals until the object is believed in, nothing is left to try, or somebody has had enough."""
-        limit = nanoseconds(request.timeout) / NANOSECONDS
+        limit = seconds(request.timeout)
         begun = self.now
         place: Array | None = None
         said: tuple[Any, ...] = ()

@@ -17,7 +17,7 @@ from estimation.geometry.poses import transform_points
 from whereabouts.messages.decode import cloud_colors
 from whereabouts.nodes.messages.conversions import points_from_message, pose_from_message, spatial_covariance
 from whereabouts.nodes.messages.markers import point
-from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
+from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, seconds
 from whereabouts.nodes.messages.transforms import Matrix, frame_name
 from whereabouts.nodes.messages.world_reading import grid_from_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
@@ -87,7 +87,7 @@ class VerifierNode(SuiteNode):
         verification = Verification(
             box, settings.frames, settings.points, CLEAR, self._grid, WIDEST, _appearance(request)
         )
-        limit = nanoseconds(request.timeout) / NANOSECONDS or TIMEOUT
+        limit = seconds(request.timeout) or TIMEOUT
         begun, taken = self.now, self._latest
         outcome: str | None = None
         while outcome is None:

@@ -13,7 +13,7 @@ import numpy as np
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import FrameTree, TransformError
 from estimation.geometry.rotations import quaternion_from_rotation
-from whereabouts.messages.decode import nanoseconds, transforms
+from whereabouts.messages.decode import NANOSECONDS, nanoseconds, transforms
 from whereabouts.messages.records import strip_slash
 from whereabouts.recorded.camera_messages import (
     TOLERANCE,
@@ -30,7 +30,6 @@ from world_model.camera.depth import ENCODINGS
 TF, INFO, IMAGE = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/Image"
 BOXES = "vision_msgs/msg/Detection2DArray"
 TYPES = (TF, INFO, IMAGE, BOXES)
-NANOSECONDS = 1_000_000_000
 PATIENCE = NANOSECONDS
 """Detections wait no longer for a depth image or a transform."""
 

@@ -13,6 +13,7 @@ from estimation.geometry.frame_tree import TransformError
 from whereabouts.logs import RawMessage, open_raw
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.cdr import UnreadableTypeError
+from whereabouts.messages.decode import NANOSECONDS, nanoseconds
 from whereabouts.recorded.camera_log import PATIENCE, TYPES, CameraLog, CameraSettings
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
 from whereabouts.system.log_errors import NothingRecognisedError
@@ -21,7 +22,6 @@ from world_model import WorldEvidence
 EVIDENCE = "whereabouts_msgs/msg/WorldEvidence"
 DETECTIONS = "vision_msgs/msg/Detection3DArray"
 TARGETS = "whereabouts_msgs/msg/TargetArray"
-NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class EvidenceLog:
         frame = str(header.frame_id).lstrip("/")
         if not frame:
             raise InputError("header.frame_id is empty")
-        stamp = int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
+        stamp = nanoseconds(header.stamp)
         seen = self._place_of(frame, stamp, last)
         missing: list[str] = []
         if type_name == EVIDENCE:

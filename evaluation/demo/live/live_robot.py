@@ -23,9 +23,10 @@ from std_msgs.msg import Bool, Header
 
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
+from whereabouts.messages.world_objects import state_from_message
 from whereabouts.nodes.live.searching import ACTION, Searches
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.messages.world_reading import grid_from_message, pose_stamped, state_from_message
+from whereabouts.nodes.messages.world_reading import grid_from_message, pose_stamped
 from whereabouts.nodes.navigation.goals import ACTION as NAVIGATE
 from whereabouts.nodes.navigation.goals import Navigator, navigate_type
 from whereabouts.nodes.ros.private_node import private_node

@@ -10,7 +10,7 @@ from typing import Any
 from estimation.errors import InputError
 from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError
 from whereabouts.nodes.live.searching import Search, Searches
-from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds
+from whereabouts.nodes.messages.stamps import seconds
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import ForgetObject, LoadMap, RelabelObject, SaveMap, TriggerVerification
 from world_model.questions import Recall
@@ -113,9 +113,7 @@ def _outcome(result: FindObject.Result) -> Done:
     sentence = f"{name} is found{where}, after {result.distance:.1f} m of driving."
     if found is None:
         return Done(True, sentence, 1.0)
-    return Done(
-        True, sentence, found.existence_probability, nanoseconds(found.last_seen) / NANOSECONDS, found.id
-    )
+    return Done(True, sentence, found.existence_probability, seconds(found.last_seen), found.id)
 
 
 def verify(client: Client, object_id: str) -> Done:

@@ -4,17 +4,9 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Duration, Time
 
-NANOSECONDS = 1_000_000_000
+from whereabouts.messages.decode import NANOSECONDS, nanoseconds, seconds
 
-
-def nanoseconds(stamp: Time | Duration) -> int:
-    """A message stamp in nanoseconds."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
-
-
-def seconds(stamp: Time | Duration) -> float:
-    """A message stamp in seconds."""
-    return nanoseconds(stamp) / NANOSECONDS
+__all__ = ["NANOSECONDS", "duration_message", "nanoseconds", "seconds", "time_message"]
 
 
 def time_message(total: int) -> Time:

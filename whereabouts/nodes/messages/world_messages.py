@@ -18,7 +18,7 @@ from estimation.geometry.places import Place
 from estimation.geometry.rotations import rotation_from_quaternion
 from whereabouts.nodes.messages.conversions import FREE
 from whereabouts.nodes.messages.markers import Rgb, colour, marker, point, vector
-from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
+from whereabouts.nodes.messages.stamps import NANOSECONDS, seconds, time_message
 from whereabouts.nodes.messages.world_reading import attribute_messages, box_region, distribution_message
 from whereabouts_msgs.msg import Region, WorldHypotheses
 from whereabouts_msgs.msg import WorldObject as ObjectMessage
@@ -146,7 +146,7 @@ def detections_message(header: Header, objects: Sequence[ObjectMessage]) -> Dete
 
 def marker_messages(header: Header, objects: Sequence[WorldObject], words: Words) -> MarkerArray:
     """An ellipsoid of one standard deviation and a sentence per object; lost ones only have the sentence."""
-    stamp = nanoseconds(header.stamp) / NANOSECONDS
+    stamp = seconds(header.stamp)
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for index, item in enumerate(objects):
         rgb = PALETTE[sum(map(ord, item.most_probable("class"))) % len(PALETTE)]

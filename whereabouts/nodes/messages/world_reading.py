@@ -14,10 +14,11 @@ from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.poses import pose_from_matrix
+from whereabouts.messages.world_objects import state_from_message
 from whereabouts.nodes.messages.conversions import fill_pose, pose_from_message, spatial
 from whereabouts.nodes.messages.markers import point, vector
 from whereabouts.nodes.messages.packed import Packed
-from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, seconds
+from whereabouts.nodes.messages.stamps import seconds
 from whereabouts.nodes.messages.transforms import TransformBuffer
 from whereabouts_msgs.msg import (
     Attribute,
@@ -26,9 +27,8 @@ from whereabouts_msgs.msg import (
     PredictedPathArray,
     Region,
 )
-from whereabouts_msgs.msg import WorldObject as ObjectMessage
 from whereabouts_msgs.msg import WorldState as StateMessage
-from world_model import WorldObject, WorldState
+from world_model import WorldState
 from world_model.predictions import Path
 
 Array = NDArray[np.float64]
@@ -72,18 +72,6 @@ class LatestState:
         return self._state
 
 
-def state_from_message(message: StateMessage) -> WorldState:
-    """A WorldState; frames are the message's.
-
-    Raises
-    ------
-    InputError : an object with a pose or a covariance that is not finite; names it.
-    """
-    objects = tuple(object_from_message(item) for item in message.objects)
-    stamp = nanoseconds(message.header.stamp) / NANOSECONDS
-    return WorldState(objects, message.probability, message.expected_count, stamp, int(message.epoch))
-
-
 def paths_from_message(message: PredictedPathArray, transform: Array) -> dict[int, Path]:
     """The most probable path of each target, by label, in the frame that `transform` (4, 4) leads to.
 
@@ -91,12 +79,12 @@ def paths_from_message(message: PredictedPathArray, transform: Array) -> dict[in
     ------
     InputError : a path that makes no sense; names its label. One of a single point is left out.
     """
-    start, turn = nanoseconds(message.header.stamp) / NANOSECONDS, transform[:2, :2]
+    start, turn = seconds(message.header.stamp), transform[:2, :2]
     found = {}
     for told in message.paths:
         if len(told.points) < 2:
             continue
-        after = [p.time_from_start.sec + p.time_from_start.nanosec / NANOSECONDS for p in told.points]
+        after = [seconds(p.time_from_start) for p in told.points]
         places = np.array([[p.position.x, p.position.y, p.position.z] for p in told.points])
         flat = (places @ transform[:3, :3].T + transform[:3, 3])[:, :2]
         spread = np.array([p.covariance for p in told.points]).reshape(-1, 2, 2)
@@ -106,38 +94,6 @@ def paths_from_message(message: PredictedPathArray, transform: Array) -> dict[in
         }
         found[int(told.label)] = Path.checked(f"path of target {told.label}", given)
     return found
-
-
-def object_from_message(message: ObjectMessage) -> WorldObject:
-    """One object.
-
-    Raises
-    ------
-    InputError : a pose or a covariance that is not finite.
-    """
-    try:
-        position = pose_from_message(message.pose.pose)[:3]
-    except InputError as error:
-        raise InputError(f"object '{message.id}': {error}") from error
-    covariance = np.array(message.pose.covariance).reshape(6, 6)[:3, :3]
-    if not np.isfinite(covariance).all():
-        raise InputError(f"object '{message.id}': its covariance is not finite")
-    linear = message.velocity.twist.linear
-    attributes = {"class": _distribution(message.class_distribution)}
-    attributes |= {
-        item.name: _distribution(item.discrete) for item in message.properties if len(item.discrete.values)
-    }
-    return WorldObject(
-        message.id, position, np.array([linear.x, linear.y, linear.z]), covariance, attributes,
-        message.existence_probability, message.lost, seconds(message.last_seen), seconds(message.first_seen),
-        place=message.place, place_probability=message.place_probability,
-        predicates=tuple(message.predicates), alternatives=tuple(message.alternatives),
-        quantities={
-            item.name: (float(item.continuous.mean[0]), float(item.continuous.covariance[0]))
-            for item in message.properties
-            if len(item.continuous.mean) == 1 and len(item.continuous.covariance) == 1
-        },
-    )  # fmt: skip
 
 
 def grid_from_message(message: GridMessage) -> OccupancyGrid:
@@ -215,7 +171,3 @@ def attribute_messages(
         Attribute(name=name, continuous=GaussianDistribution(mean=[mean], covariance=[variance]))
         for name, (mean, variance) in quantities.items()
     ]
-
-
-def _distribution(message: DiscreteDistribution) -> dict[str, float]:
-    return dict(zip(message.values, map(float, message.probabilities), strict=False))
