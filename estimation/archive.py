@@ -30,9 +30,7 @@ _ERRORS = (
 def read_archive(path: Path | str, limit: int = UNPACKED_LIMIT) -> dict[str, NDArray[Any]]:
     """All arrays of an archive; numbers and text only.
 
-    Raises
-    ------
-    InputError : the file is missing, is no such archive, is damaged, or unpacks to more than `limit` bytes.
+    Raises InputError: the file is missing, is no such archive, is damaged, or unpacks to more than `limit` bytes.
     """
     try:
         with zipfile.ZipFile(path) as archive:

@@ -46,9 +46,7 @@ def read_yaml(path: Path, error: type[InputError]) -> Any:
 def read_sections(path: Path) -> list[tuple[str, dict[str, Any]]]:
     """(name of nodes, parameters) in the order of the file; names may have the wildcards * and **.
 
-    Raises
-    ------
-    ParameterFileError : no such file, no YAML, or no parameter file.
+    Raises ParameterFileError: no such file, no YAML, or no parameter file.
     """
     content = read_yaml(path, ParameterFileError)
     if not is_parameter_file(content):
@@ -113,9 +111,7 @@ def parameters_for(path: Path, node: str) -> dict[str, Any]:
 def settings_for(path: Path | None, node: str, **over: Any) -> Any:
     """The validated parameters of a node: those of a file on the defaults, or the defaults. over : these go before.
 
-    Raises
-    ------
-    ParameterFileError : naming file, node and parameter.
+    Raises ParameterFileError: naming file, node and parameter.
     """
     model = model_of(node)
     given = {**({} if path is None else parameters_for(path, node)), **over}

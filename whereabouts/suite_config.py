@@ -102,9 +102,7 @@ class SuiteConfig(BaseModel):
     def only(self, names: list[str]) -> SuiteConfig:
         """The same with these nodes alone, each as configured; all of it where no name is given.
 
-        Raises
-        ------
-        SuiteConfigError : there is no such node.
+        Raises SuiteConfigError: there is no such node.
         """
         unknown = [name for name in names if name not in NODES]
         if unknown:
@@ -117,10 +115,7 @@ def read_config(path: Path | None, options: dict[str, Any]) -> SuiteConfig:
     """The file with options over it; `path` None for options alone.
 
     options : fields of SuiteConfig that were given on the command line.
-
-    Raises
-    ------
-    SuiteConfigError : no such file, no YAML, a key that is unknown or has a value that is not allowed.
+    Raises SuiteConfigError: no such file, no YAML, a key that is unknown or has a value that is not allowed.
     """
     given = {} if path is None else _with_paths(_mapping(path), path.parent)
     if is_parameter_file(given):

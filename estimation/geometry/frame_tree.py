@@ -136,9 +136,7 @@ class FrameTree:
     def lookup(self, target: str, source: str, stamp: int = 0) -> FloatArray:
         """Takes coordinates in `source` to coordinates in `target` at a stamp, (4, 4).
 
-        Raises
-        ------
-        TransformError : a frame is unknown, the two are not connected, or the stamp is out of range.
+        Raises TransformError: a frame is unknown, the two are not connected, or the stamp is out of range.
         """
         for frame in (source, target):
             if not self.knows(frame):

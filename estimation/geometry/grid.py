@@ -67,9 +67,7 @@ class OccupancyGrid:
     ) -> OccupancyGrid:
         """Grid of occupancy values (H, W) as in nav_msgs/OccupancyGrid: 0 free to 100 occupied, -1 unknown.
 
-        Raises
-        ------
-        InputError : values outside -1 to 100, or not two-dimensional.
+        Raises InputError: values outside -1 to 100, or not two-dimensional.
         """
         cells = np.asarray(values)
         if cells.ndim != 2 or (cells.size and (cells.min() < -1 or cells.max() > 100)):
@@ -131,9 +129,7 @@ class OccupancyGrid:
     def include(self, low: npt.ArrayLike, high: npt.ArrayLike) -> None:
         """Grow, where needed, so that the box from `low` (2,) to `high` (2,), metres, is inside.
 
-        Raises
-        ------
-        InputError : the grid would have more than MOST_CELLS cells.
+        Raises InputError: the grid would have more than MOST_CELLS cells.
         """
         low_cell, high_cell = self.cells(low), self.cells(high)
         if self.log_odds.size and self.inside(low_cell) and self.inside(high_cell):
@@ -155,10 +151,7 @@ class OccupancyGrid:
 
         pose : (3,) x, y, yaw of the sensor in the map. points : (N, 2) returns in the sensor frame, metres.
         weight : 1 for one look; less where looks are not independent. A cell is changed once per scan.
-
-        Raises
-        ------
-        InputError : wrong shapes, numbers that are not finite, or too far away for a grid that has all in it.
+        Raises InputError: wrong shapes, numbers that are not finite, or too far away for a grid that has all in it.
         """
         start, ends = placed_scan(pose, points, 1.0)
         every = np.vstack((ends, start[None]))
@@ -230,9 +223,7 @@ class OccupancyGrid:
     def load(cls, path: Path | str) -> OccupancyGrid:
         """Read a map from its YAML file (PGM image, trinary or scale).
 
-        Raises
-        ------
-        InputError : the file or its image is missing or malformed, or the map is turned against its axes.
+        Raises InputError: the file or its image is missing or malformed, or the map is turned against its axes.
         """
         import yaml
 
@@ -258,10 +249,7 @@ def placed_scan(
     """A scan's start (2,) and ends (N, 2) in the map, in units of `resolution` metres.
 
     pose : (3,) x, y, yaw of the sensor in the map. points : (N, 2) returns in the sensor frame, metres.
-
-    Raises
-    ------
-    InputError : wrong shapes, numbers that are not finite, a place or a width that no grid can have.
+    Raises InputError: wrong shapes, numbers that are not finite, a place or a width that no grid can have.
     """
     sensor = as_vectors("pose", pose, 3)
     found = as_points("points", points, 2)

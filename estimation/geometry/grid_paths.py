@@ -22,8 +22,6 @@ class GridPaths:
     A robot that stands closer than that to something may still leave. Unknown cells are taken as free where
     `through_unknown`, cells outside the grid never.
 
-    Parameters
-    ----------
     start : (2,) metres.
     """
 

@@ -42,8 +42,6 @@ class TileView:
 class TiledGrid:
     """Log-odds of being occupied, in tiles that come into being when something is seen there.
 
-    Attributes
-    ----------
     resolution : metres, edge of a cell.
     """
 
@@ -75,10 +73,7 @@ class TiledGrid:
         pose : (3,) x, y, yaw of the sensor in the map. points : (N, 2) returns in the sensor frame, metres.
         weight : 1 for one look; less where looks are not independent. A cell is changed once per scan.
         only : tiles outside which nothing is changed.
-
-        Raises
-        ------
-        InputError : wrong shapes, numbers that are not finite, places that no map reaches.
+        Raises InputError: wrong shapes, numbers that are not finite, places that no map reaches.
         """
         indices, marks = mark_scan(*placed_scan(pose, points, self.resolution))
         touched = [(j, i) for j, i in indices.tolist()]

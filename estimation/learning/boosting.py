@@ -32,8 +32,6 @@ VERSION = 1
 class Stump:
     """One weak classifier, equation (8): 1 where `polarity` · F[`feature`] < `polarity` · `threshold`, else 0.
 
-    Parameters
-    ----------
     feature : column of F, from 0.
     threshold : in units of that column.
     polarity : 1 (small values mean class 1) or -1 (large values do).
@@ -90,10 +88,8 @@ class AdaBoost:
     def fit(self, F: npt.ArrayLike, y: npt.ArrayLike) -> AdaBoost:
         """Learn from features (M, n) and labels (M,) of 0 and 1; returns the model itself.
 
-        Raises
-        ------
-        InputError : wrong shapes, features that are not finite, labels other than 0 and 1 or of one class only,
-            or features that are all constant or no better than chance from the first round on.
+        Raises InputError: wrong shapes, features that are not finite, labels other than 0 and 1 or of one class only,
+        or features that are all constant or no better than chance from the first round on.
         """
         features = as_points("F", F)
         labels = as_labels(y, len(features))
@@ -125,9 +121,7 @@ class AdaBoost:
     def score(self, F: npt.ArrayLike) -> FloatArray:
         """Likelihood of class 1, (M,) in [0, 1]: the vote share c of equation (12), for features (M, n).
 
-        Raises
-        ------
-        InputError : not fitted, wrong number of columns, or features that are not finite.
+        Raises InputError: not fitted, wrong number of columns, or features that are not finite.
         """
         self._require_fitted()
         values, stumps = as_points("F", F, self.feature_count), (self._features, self._thresholds)

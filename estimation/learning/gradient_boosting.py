@@ -77,10 +77,7 @@ class GradientBoosting:
         """Learn from features (M, n), labels (M,) of 0 and 1 and, where given, weights (M,) above 0; returns itself.
 
         Weights are scaled so that each class has half of their sum.
-
-        Raises
-        ------
-        InputError : wrong shapes, features that are not finite, labels other than 0 and 1 or of one class only.
+        Raises InputError: wrong shapes, features that are not finite, labels other than 0 and 1 or of one class only.
         """
         features = as_points("F", F)
         labels = as_labels(y, len(features)).astype(np.float64)
@@ -126,9 +123,7 @@ class GradientBoosting:
     def score(self, F: npt.ArrayLike) -> FloatArray:
         """Likelihood of class 1, (M,) in [0, 1], for features (M, n).
 
-        Raises
-        ------
-        InputError : not fitted, wrong number of columns, or features that are not finite.
+        Raises InputError: not fitted, wrong number of columns, or features that are not finite.
         """
         return np.asarray(1.0 / (1.0 + np.exp(-self.decision(F))))
 

@@ -67,8 +67,6 @@ class _Person:
 class IntentionModel:
     """Learns from finished trajectories and predicts partial ones; all in one frame, metres and seconds.
 
-    Attributes
-    ----------
     learned : trajectories that taught something.
     hmm : the growing hidden Markov model, which learns with methods "ghmm" and "printed".
     routes : the learned walks, which are kept with method "routes".
@@ -100,10 +98,7 @@ class IntentionModel:
         Rows that are not finite, repeat a time, run back in time or jump away and back are left out; gaps, loops and
         jumps that last are taken as they are, unless one is wider than any room. A person that stayed within
         `min_length` teaches nothing, and neither does what is mostly faster than people are.
-
-        Raises
-        ------
-        InputError : not (N, 3), or without one finite row.
+        Raises InputError: not (N, 3), or without one finite row.
         """
         cleaned = clean("trajectory", trajectory)
         dropped = cleaned.dropped
@@ -135,15 +130,10 @@ class IntentionModel:
     ) -> Prediction:
         """Where the person seen along `partial` (N, 3) x, y, t will go within `horizon` s.
 
-        Parameters
-        ----------
         others : people present at the same time, who are predicted too and get out of each other's way: a sequence of
             (M, 3) partial trajectories, or an array (P, 4) x, y, vx, vy or (P, 2) of people who stand.
         obstacles : (K, 2) m, or `Obstacles` made from them once.
-
-        Raises
-        ------
-        InputError : shapes other than these, no finite row, or a horizon that is not above zero.
+        Raises InputError: shapes other than these, no finite row, or a horizon that is not above zero.
         """
         beside, states = parse_others(others)
         return self._predict([partial, *beside], states, horizon, obstacles, 1)[0]
@@ -189,9 +179,7 @@ class IntentionModel:
     def load(cls, path: Path | str, map_id: str | None = None) -> IntentionModel:
         """Read what was saved. With `map_id` it must be of that map.
 
-        Raises
-        ------
-        InputError : no such file, not a saved model, of another version or map, or damaged.
+        Raises InputError: no such file, not a saved model, of another version or map, or damaged.
         """
         from tracking.intentions.intention_storage import load
 

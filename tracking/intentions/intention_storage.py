@@ -26,9 +26,7 @@ LARGEST = 1e12
 def save(model: IntentionModel, path: Path, map_id: str) -> Path:
     """Write a model; `map_id` names the map its frame belongs to. Returns the path.
 
-    Raises
-    ------
-    InputError : the folder does not exist or may not be written.
+    Raises InputError: the folder does not exist or may not be written.
     """
     header = {
         "format": FORMAT,

@@ -27,10 +27,7 @@ def clean(name: str, trajectory: ArrayLike) -> Cleaned:
 
     Rows that are not finite, repeat a time, run back in time, or are single jumps away and back are left out. A loop,
     a gap and a jump that lasts stay.
-
-    Raises
-    ------
-    InputError : not (N, 3), or no row is left.
+    Raises InputError: not (N, 3), or no row is left.
     """
     given = as_floats(name, trajectory)
     if given.ndim != 2 or given.shape[1] != 3:

@@ -12,8 +12,6 @@ from estimation.checks import FloatArray, require_positive
 class TrackKeeper:
     """Observations of each label, in the order of their stamps.
 
-    Parameters
-    ----------
     timeout : s after which a track that is neither seen nor known to be hidden has ended.
     longest : observations kept per track, the latest; somebody who stays for days must not fill the memory.
     """

@@ -40,9 +40,7 @@ class Forces:
 class Obstacles:
     """Obstacle points (K, 2) m, thinned and sorted into cells, so that the nearest one is found at once.
 
-    Raises
-    ------
-    InputError : not (K, 2), or not finite.
+    Raises InputError: not (K, 2), or not finite.
     """
 
     def __init__(self, points: ArrayLike | None = None) -> None:

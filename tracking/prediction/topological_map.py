@@ -36,8 +36,6 @@ class MapChanges:
 class TopologicalMap:
     """Growing map of places.
 
-    Parameters
-    ----------
     resolution : e_max, m: a point farther than this from every node founds a new one.
     window : N_p,max, points kept per node, the latest.
 

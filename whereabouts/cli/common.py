@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 def target_file(path: Path | None) -> Path | None:
     """Callback of an option that names a file to write: whether it can be is said before any work is done.
 
-    Raises
-    ------
-    WriteError : its folder does not exist or may not be written, or a folder stands in its place.
+    Raises WriteError: its folder does not exist or may not be written, or a folder stands in its place.
     """
     from whereabouts.system.log_errors import WriteError
 
@@ -40,9 +38,7 @@ def target_file(path: Path | None) -> Path | None:
 def target_folder(path: Path | None) -> Path | None:
     """The same for a folder that is made where it is missing.
 
-    Raises
-    ------
-    WriteError : a file stands in the way, or the folder may not be made or written.
+    Raises WriteError: a file stands in the way, or the folder may not be made or written.
     """
     from whereabouts.system.log_errors import WriteError
 

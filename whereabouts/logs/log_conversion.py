@@ -57,17 +57,12 @@ def convert_log(
 ) -> Conversion:
     """Write `source` as a rosbag2 recording: a bare file where `target` ends in .mcap, else a directory.
 
-    Parameters
-    ----------
     topics : only these; None for all.
     max_range : metres from which a reading is a no-return, for text logs whose lines do not say it.
     rate : scans per second, to stamp the scans of a text log anew from 0 on; None keeps its stamps.
     report : called now and then with the share read, 0 to 1.
     seconds : only so many from the first message on; None for all.
-
-    Raises
-    ------
-    LogError : the source cannot be read, holds nothing to write, or the target cannot be written.
+    Raises LogError: the source cannot be read, holds nothing to write, or the target cannot be written.
     """
     if rate is not None and not rate > 0.0:
         raise InputError(f"rate: positive number of scans per second expected, got {rate}")

@@ -34,18 +34,13 @@ def open_log(
 ) -> Log:
     """Open a log of any readable format.
 
-    Parameters
-    ----------
     path : file or rosbag2 directory.
     topics : hand out only records of these topics (with or without leading slash), None for all.
     max_range : metres from which a reading is a no-return, in formats whose logs may not say (CARMEN, g2o).
     unpacked_limit : bytes that a compressed log may unpack to.
-
-    Raises
-    ------
-    LogNotFoundError, EmptyLogError : nothing there.
-    UnknownFormatError : the content belongs to no readable format.
-    DamagedLogError : the format is known and the file cannot be read, or (OversizedLogError) unpacks to too much.
+    Raises LogNotFoundError, EmptyLogError: nothing there; UnknownFormatError: the content belongs to no readable
+    format; DamagedLogError: the format is known and the file cannot be read, or (OversizedLogError) unpacks to too
+    much.
     """
     source = Path(path)
     name, member = detect(source)
@@ -65,9 +60,7 @@ def open_log(
 def detect(path: Path) -> tuple[str, str | None]:
     """(format, member of the zip archive or None); format is carmen, g2o, rosbag1 or rosbag2.
 
-    Raises
-    ------
-    LogNotFoundError, EmptyLogError, UnknownFormatError : as `open_log`.
+    Raises LogNotFoundError, EmptyLogError, UnknownFormatError: as `open_log`.
     """
     if not path.exists():
         raise LogNotFoundError(path, "does not exist; check the path")
@@ -89,9 +82,7 @@ def detect(path: Path) -> tuple[str, str | None]:
 def only_member(path: Path) -> str:
     """The one log in a zip archive.
 
-    Raises
-    ------
-    UnknownFormatError : it is no readable archive, or holds no log, or several.
+    Raises UnknownFormatError: it is no readable archive, or holds no log, or several.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -132,9 +123,7 @@ def _text_format(path: Path, member: str | None) -> str:
 def refuse_compressed_bag(path: Path, head: bytes) -> None:
     """Bags need random access. head : the first bytes of a file, without the compression that it may have as a whole.
 
-    Raises
-    ------
-    UnknownFormatError : they are those of a bag.
+    Raises UnknownFormatError: they are those of a bag.
     """
     if head.startswith(tuple(ROS_MAGIC)):
         raise UnknownFormatError(path, "is a bag in a compressed file; unpack it first (gunzip, bunzip2)")

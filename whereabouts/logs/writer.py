@@ -45,11 +45,8 @@ class McapWriter:
     before is unchanged. The same messages give the same bytes.
 
     Topics are written with a leading slash. Where no log time (nanoseconds) is given it is that of the stamp.
-
-    Raises
-    ------
-    WriteError : the target's directory is missing or not writable; a raw message lies outside the block.
-    InputError : a stamp that ROS cannot express, or a log time that is negative.
+    Raises WriteError: the target's directory is missing or not writable; a raw message lies outside the block;
+    InputError: a stamp that ROS cannot express, or a log time that is negative.
     """
 
     def __init__(self, target: Path | str) -> None:

@@ -24,9 +24,7 @@ SHORTEST_QUATERNION = 1e-6
 def rotation_of(quaternion: Quaternion) -> Array:
     """(3, 3) rotation of (x, y, z, w), which is normalised first.
 
-    Raises
-    ------
-    InputError : its norm is below 1e-6, as of a message field that was never set.
+    Raises InputError: its norm is below 1e-6, as of a message field that was never set.
     """
     x, y, z, w = quaternion
     norm = x * x + y * y + z * z + w * w

@@ -14,9 +14,7 @@ from world_model import WorldObject, WorldState
 def state_from_message(message: Any) -> WorldState:
     """A WorldState; frames are the message's.
 
-    Raises
-    ------
-    InputError : an object with a pose or a covariance that is not finite; names it.
+    Raises InputError: an object with a pose or a covariance that is not finite; names it.
     """
     objects = tuple(object_from_message(item) for item in message.objects)
     stamp = seconds(message.header.stamp)
@@ -26,9 +24,7 @@ def state_from_message(message: Any) -> WorldState:
 def object_from_message(message: Any) -> WorldObject:
     """One object.
 
-    Raises
-    ------
-    InputError : a pose or a covariance that is not finite.
+    Raises InputError: a pose or a covariance that is not finite.
     """
     try:
         pose = pose_matrix(message.pose.pose.position, message.pose.pose.orientation)

@@ -117,9 +117,7 @@ def locate_log(
 ) -> LocatedLog:
     """Follow a log in a map that stays as it is; `initial` (3,) or (4, 4) : the robot's first pose, where it is known.
 
-    Raises
-    ------
-    InputError : a log of clouds and a map of scans, or the other way round.
+    Raises InputError: a log of clouds and a map of scans, or the other way round.
     """
     located, localizer = LocatedLog(), Localizer(places.keyframes, places.graph.poses)
     for followed in follow(log, use_wheels=use_wheels, topic=topic):

@@ -23,9 +23,7 @@ FEW = 5
 def survey_bag(path: Path, look_at: float = LOOK_AT_SECONDS) -> Survey:
     """Look into the first `look_at` seconds of a recording; a log without topics is made a bag of first.
 
-    Raises
-    ------
-    LogError : it cannot be read.
+    Raises LogError: it cannot be read.
     """
     if detect(path)[0] in ("carmen", "g2o"):
         with tempfile.TemporaryDirectory() as folder:

@@ -25,17 +25,12 @@ class RobotLog:
 
     log : what is iterated. params : a parameter file with the settings of scan_registration.
 
-    Attributes
-    ----------
     topic : of the scans or clouds, without a slash.
     settings : parameters of scan_registration.
     unmounted : scans of which tf did not say how the scanner is mounted; they are handed out as they are.
     tilted : scans of a scanner that is not level; they are projected to the floor, as scan_registration does.
     empty : scans without a reading within the scanner's range.
-
-    Raises
-    ------
-    ParameterFileError : the file cannot be used.
+    Raises ParameterFileError: the file cannot be used.
     """
 
     def __init__(self, log: Any, params: Path, topic: str | None = None) -> None:

@@ -18,10 +18,7 @@ def atomic_path(target: Path, directory: bool = False) -> Iterator[Path]:
 
     After an error the temporary is gone and what was at the target is still there. With `directory` the
     temporary is an existing directory; a directory at the target is replaced.
-
-    Raises
-    ------
-    WriteError : the target's directory does not exist or may not be written.
+    Raises WriteError: the target's directory does not exist or may not be written.
     """
     if not target.parent.is_dir():
         raise WriteError(target, f"directory {target.parent} does not exist; create it first")

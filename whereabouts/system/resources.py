@@ -16,9 +16,7 @@ class ResourceError(WhereaboutsError):
 def share_directory() -> Path:
     """Folder with config/, launch/ and rviz/: the checkout's, else share/whereabouts of the installation.
 
-    Raises
-    ------
-    ResourceError : found in none of the usual places; the message lists them.
+    Raises ResourceError: found in none of the usual places; the message lists them.
     """
     checkout = Path(__file__).resolve().parents[2]
     prefixes = [

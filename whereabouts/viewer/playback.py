@@ -32,10 +32,7 @@ def play(
     """Draw bags, one after the other or, where they overlap, together: a recording of the suite and the bag it heard.
 
     until : seconds after the first message. hidden : beginnings of topics that are not shown, in the namespace.
-
-    Raises
-    ------
-    LogError : a bag cannot be read; NothingRecognisedError: there is nothing in it that can be drawn.
+    Raises LogError: a bag cannot be read; NothingRecognisedError: there is nothing in it that can be drawn.
     """
     scene, drawn = Scene(), 0
     given = list(paths)

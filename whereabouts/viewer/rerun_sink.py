@@ -22,9 +22,7 @@ class NoViewerError(WhereaboutsError):
 def import_rerun() -> Any:
     """The module `rerun`.
 
-    Raises
-    ------
-    NoViewerError : not installed; the message says how to get it.
+    Raises NoViewerError: not installed; the message says how to get it.
     """
     try:
         import rerun

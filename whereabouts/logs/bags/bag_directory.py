@@ -32,9 +32,7 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 def open_bag(path: Path, summary: Summary, limit: int = UNPACKED_LIMIT) -> BagFile:
     """A ROS 1 or ROS 2 bag of any kind; damage found on the way goes into `summary`. limit : bytes it may unpack to.
 
-    Raises
-    ------
-    LogNotFoundError, UnknownFormatError, DamagedLogError : as `open_log`.
+    Raises LogNotFoundError, UnknownFormatError, DamagedLogError: as `open_log`.
     """
     if path.is_dir():
         return BagDirectory(path, summary, limit)
@@ -100,12 +98,8 @@ class BagDirectory:
     """A rosbag2 directory: its files one after the other, each open only while it is read.
 
     Without metadata.yaml (a recorder that was killed writes none) the files are taken by their numbers.
-
-    Raises
-    ------
-    UnknownFormatError : neither metadata.yaml nor a bag file.
-    LogNotFoundError : a file that metadata.yaml names is missing.
-    DamagedLogError : metadata.yaml cannot be used.
+    Raises UnknownFormatError: neither metadata.yaml nor a bag file; LogNotFoundError: a file that metadata.yaml names
+    is missing; DamagedLogError: metadata.yaml cannot be used.
     """
 
     def __init__(self, path: Path, summary: Summary, limit: int = UNPACKED_LIMIT) -> None:

@@ -27,10 +27,7 @@ FLOAT32, FLOAT64 = 7, 8
 def nanoseconds(stamp: float) -> int:
     """Whole nanoseconds of a stamp in seconds, by its shortest decimal form: 976052857.337284 is a number of
     microseconds, which its binary value misses by 16 ns.
-
-    Raises
-    ------
-    InputError : not in [0, 2³¹) seconds, which is what a ROS stamp can hold.
+    Raises InputError: not in [0, 2³¹) seconds, which is what a ROS stamp can hold.
     """
     if not 0.0 <= stamp < LATEST_STAMP:
         raise InputError(f"stamp: a ROS time holds 0 to {LATEST_STAMP} s, got {stamp}")

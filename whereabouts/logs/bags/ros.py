@@ -161,9 +161,7 @@ class RawLog:
 def open_raw(path: Path | str, topics: Iterable[str] | None = None) -> RawLog:
     """Open a bag for its raw messages.
 
-    Raises
-    ------
-    LogNotFoundError, EmptyLogError, UnknownFormatError, DamagedLogError : as `open_log`.
+    Raises LogNotFoundError, EmptyLogError, UnknownFormatError, DamagedLogError: as `open_log`.
     """
     return RawLog(path, topics)
 

@@ -26,9 +26,7 @@ def standard_types() -> Typestore:
 def types_of(topic: Topic) -> Typestore:
     """A store that can decode the topic's messages: by the bag's definition, else by Jazzy's.
 
-    Raises
-    ------
-    UnreadableTypeError : no definition, or one that cannot be parsed.
+    Raises UnreadableTypeError: no definition, or one that cannot be parsed.
     """
     found = _FOUND.get(topic)
     if found is None:
@@ -67,9 +65,7 @@ def _parsed(topic: Topic) -> Typestore:
 def decoded(topic: Topic, cdr: bytes) -> Any:
     """A message of a topic, its fields as attributes.
 
-    Raises
-    ------
-    UnreadableTypeError : as `types_of`, or the bytes do not fit the type.
+    Raises UnreadableTypeError: as `types_of`, or the bytes do not fit the type.
     """
     store = types_of(topic)
     try:

@@ -31,10 +31,7 @@ _REINDEX = "`rosbag reindex` repairs the file itself"
 class Ros1File(ChunkedFile):
     """A .bag file.
 
-    Raises
-    ------
-    UnknownFormatError : not of version 2.0, or encrypted.
-    DamagedLogError : breaks off before its first record.
+    Raises UnknownFormatError: not of version 2.0, or encrypted; DamagedLogError: breaks off before its first record.
     """
 
     def __init__(

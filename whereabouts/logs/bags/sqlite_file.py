@@ -18,9 +18,7 @@ _READING_ERRORS = (sqlite3.Error, UnicodeDecodeError, KeyError, OverflowError)
 class SqliteFile:
     """A .db3 file, of any schema version; definitions and type hashes are in files of Iron and later.
 
-    Raises
-    ------
-    DamagedLogError : no database, or without rosbag2's tables.
+    Raises DamagedLogError: no database, or without rosbag2's tables.
     """
 
     def __init__(self, path: Path, summary: Summary, shown: Path | None = None) -> None:

@@ -126,8 +126,6 @@ DECODING_ERRORS = (
 class ChunkedFile(ABC):
     """A bag file in chunks, read by its index where there is one, else from front to back.
 
-    Parameters
-    ----------
     path : the file; shown : what error messages and remarks call it (the archive it came from).
     summary : account of damage. limit : bytes that a chunk may unpack to, `BLOCK_LIMIT` at most.
     """

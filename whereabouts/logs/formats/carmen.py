@@ -59,8 +59,6 @@ HEAD_BYTES = 1 << 18
 class CarmenLog(Log):
     """A CARMEN log as a stream of ScanRecord and OdometryRecord.
 
-    Parameters
-    ----------
     path : the file (.clf or .log, plain, .gz or .bz2, or a zip archive holding one).
     topics : hand out only these (`scan`, `rear_scan`, `wheel_odom`); None for all.
     max_range : metres from which a reading is a no-return, instead of what the log says.

@@ -88,9 +88,7 @@ def beam_angles(count: int) -> tuple[float, float]:
 def numbers(fields: Sequence[bytes], what: str) -> list[float]:
     """Fields as finite numbers.
 
-    Raises
-    ------
-    BadLineError : one of them is not a number, or not finite.
+    Raises BadLineError: one of them is not a number, or not finite.
     """
     try:
         values = list(map(float, fields))
@@ -104,9 +102,7 @@ def numbers(fields: Sequence[bytes], what: str) -> list[float]:
 def count_of(text: bytes, what: str = "number of readings") -> int:
     """A count: a whole number of at most 100,000.
 
-    Raises
-    ------
-    BadLineError : it is none.
+    Raises BadLineError: it is none.
     """
     if not text.isdigit() or len(text) > 6 or int(text) > 100_000:
         raise BadLineError(f"{what} is not a count")
@@ -131,9 +127,7 @@ _VALUES = _Values()
 def readings(fields: Sequence[bytes]) -> list[float]:
     """Ranges; NaN and infinities stay, they are no-returns.
 
-    Raises
-    ------
-    BadLineError : one of them is not a number.
+    Raises BadLineError: one of them is not a number.
     """
     try:
         return list(map(_VALUES.__getitem__, fields))
@@ -154,9 +148,7 @@ class LaserLine:
 def parse_flaser(fields: Sequence[bytes], max_range: float | None) -> LaserLine:
     """`FLASER n r1..rn x y yaw odom_x odom_y odom_yaw stamp host logger_stamp` (RLASER alike).
 
-    Raises
-    ------
-    BadLineError : fields missing, too many, or not numbers.
+    Raises BadLineError: fields missing, too many, or not numbers.
     """
     count = count_of(fields[1]) if len(fields) > 1 else 0
     if count < 1 or len(fields) != count + 11:
@@ -177,10 +169,7 @@ def parse_robotlaser(
 
     `ROBOTLASER1 type start fov step max accuracy remission_mode n r1..rn m i1..im laser_pose(3) robot_pose(3)
     tv rv forward_safety side_safety turn_axis stamp host logger_stamp`
-
-    Raises
-    ------
-    BadLineError : fields missing, too many, or not numbers.
+    Raises BadLineError: fields missing, too many, or not numbers.
     """
     name = fields[0].decode()
     if len(fields) < 10:

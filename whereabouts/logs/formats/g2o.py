@@ -121,8 +121,6 @@ class G2oLog(Log):
     Every scan carries `odometry`, the chain of sequential constraints, so its drift is theirs, and `pose`,
     the solved pose of its vertex. `graph` has the other constraints, the known revisits.
 
-    Parameters
-    ----------
     path : the file (.g2o, plain or compressed, or a zip archive holding one).
     topics : hand out only these (`scan`); None for all.
     max_range : metres from which a reading is a no-return, instead of what the lines say.
@@ -205,9 +203,7 @@ class G2oLog(Log):
 def read_g2o(path: Path | str) -> G2oGraph:
     """Read vertices and edges of a planar graph; scans are what open_log gives.
 
-    Raises
-    ------
-    LogError : the file cannot be read, or has no VERTEX_SE2 line.
+    Raises LogError: the file cannot be read, or has no VERTEX_SE2 line.
     """
     from whereabouts.logs.opening import detect
 
@@ -222,9 +218,7 @@ def read_g2o(path: Path | str) -> G2oGraph:
 def write_g2o(path: Path | str, graph: G2oGraph) -> None:
     """Write vertices and edges; the file appears whole or not at all.
 
-    Raises
-    ------
-    WriteError : the directory is missing or not writable.
+    Raises WriteError: the directory is missing or not writable.
     """
     with atomic_path(Path(path)) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
         for vertex, pose in zip(graph.ids, graph.poses, strict=True):

@@ -26,9 +26,7 @@ DECODING_ERRORS = (EOFError, OSError, zlib.error, zipfile.BadZipFile)
 def open_file(path: Path) -> BinaryIO:
     """The raw file.
 
-    Raises
-    ------
-    LogNotFoundError : it does not exist or may not be read.
+    Raises LogNotFoundError: it does not exist or may not be read.
     """
     try:
         return path.open("rb")

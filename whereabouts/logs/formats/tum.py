@@ -59,11 +59,8 @@ class TumWriter:
 
     The file appears when the block ends without an error; after an error a file already there is unchanged.
     Stamps are written with the digits that give the same float64 back, poses with nine decimals.
-
-    Raises
-    ------
-    WriteError : the directory is missing or not writable.
-    InputError : from `write`, for a pose that is neither (3,) nor (4, 4), or not finite.
+    Raises WriteError: the directory is missing or not writable; InputError: from `write`, for a pose that is neither
+    (3,) nor (4, 4), or not finite.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -96,9 +93,7 @@ class TumWriter:
 def format_line(stamp: float, pose: Array) -> str:
     """One line of a TUM file.
 
-    Raises
-    ------
-    InputError : the pose is neither (3,) nor (4, 4).
+    Raises InputError: the pose is neither (3,) nor (4, 4).
     """
     if pose.shape == (3,):
         x, y, z = float(pose[0]), float(pose[1]), 0.0
@@ -116,10 +111,8 @@ def format_line(stamp: float, pose: Array) -> str:
 def write_tum(path: Path | str, stamps: ArrayLike, poses: ArrayLike | Sequence[ArrayLike]) -> None:
     """Write a whole trajectory: stamps (N,) seconds, poses (N, 3) or (N, 4, 4).
 
-    Raises
-    ------
-    InputError : the numbers of stamps and poses differ, or a pose is not finite or of another shape.
-    WriteError : the directory is missing or not writable.
+    Raises InputError: the numbers of stamps and poses differ, or a pose is not finite or of another shape; WriteError:
+    the directory is missing or not writable.
     """
     times = np.asarray(stamps, dtype=np.float64)
     values = np.asarray(poses, dtype=np.float64)
@@ -133,10 +126,8 @@ def write_tum(path: Path | str, stamps: ArrayLike, poses: ArrayLike | Sequence[A
 def read_tum(path: Path | str) -> Trajectory:
     """Read a trajectory; planar ones have z = 0 and turn about z only.
 
-    Raises
-    ------
-    LogNotFoundError, EmptyLogError : nothing there.
-    TrajectoryError : a line has not eight finite numbers or no unit quaternion; the message has its number.
+    Raises LogNotFoundError, EmptyLogError: nothing there; TrajectoryError: a line has not eight finite numbers or no
+    unit quaternion; the message has its number.
     """
     rows = np.array(list(_rows(Path(path))), dtype=np.float64)
     if not len(rows):

@@ -24,8 +24,6 @@ Take = Callable[[str, str, Any, int], None]
 class Listener:
     """Subscribes topics as they appear.
 
-    Parameters
-    ----------
     types : message types that are of interest.
     take : called with type, topic without the namespace, message, and time of arrival in ns.
     namespace : "" or "/robot1"; topics outside it are not listened to.

@@ -30,9 +30,7 @@ FREE = 1e6
 def scan_from_message(message: LaserScan) -> Scan:
     """A LaserScan as `Scan`.
 
-    Raises
-    ------
-    InputError : no ranges, or bounds and angles that make no sense.
+    Raises InputError: no ranges, or bounds and angles that make no sense.
     """
     return next(decode.scans(message, "")).scan
 
@@ -40,9 +38,7 @@ def scan_from_message(message: LaserScan) -> Scan:
 def points_from_message(message: PointCloud2) -> tuple[Array, Array | None]:
     """A PointCloud2 as finite points (N, 3) metres and, where it has a time field, times (N,).
 
-    Raises
-    ------
-    InputError : no x, y, z fields, no points, or less data than its size claims.
+    Raises InputError: no x, y, z fields, no points, or less data than its size claims.
     """
     record = next(decode.clouds(message, ""))
     if message.width * message.height == 0:
@@ -87,9 +83,7 @@ def array_of(code: str, values: NDArray[Any]) -> Any:
 def pose_from_message(pose: Any) -> Array:
     """A geometry_msgs Pose as (6,) x, y, z, roll, pitch, yaw.
 
-    Raises
-    ------
-    InputError : numbers that are not finite, or a quaternion of length zero.
+    Raises InputError: numbers that are not finite, or a quaternion of length zero.
     """
     p, q = pose.position, pose.orientation
     return pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])

@@ -18,8 +18,6 @@ SURE = 3
 class FrameOwner:
     """Decides whether a node may publish `parent` -> `child`.
 
-    Attributes
-    ----------
     withheld : why it may not, as a sentence; empty while it may.
     """
 

@@ -38,10 +38,7 @@ def people_from_message(
     """Positions (2,) by label of people that are seen now, in the frame `transform` leads to; labels of hidden ones.
 
     Targets with a class distribution must be a person with probability `least`.
-
-    Raises
-    ------
-    InputError : a position that is not finite, or a label that is there twice.
+    Raises InputError: a position that is not finite, or a label that is there twice.
     """
     people: dict[int, Array] = {}
     hidden: list[int] = []
@@ -66,9 +63,7 @@ def people_from_message(
 def occupied_points(grid: OccupancyGrid, occupied_from: int) -> Array:
     """Centres (K, 2) m of the occupied cells, in the frame of the grid.
 
-    Raises
-    ------
-    InputError : a resolution that is not above zero, or another number of cells than it says.
+    Raises InputError: a resolution that is not above zero, or another number of cells than it says.
     """
     row, column = np.nonzero(grid_values(grid) >= occupied_from)
     local = np.column_stack((column + 0.5, row + 0.5)) * grid.info.resolution

@@ -24,9 +24,7 @@ class UnknownTypeError(WhereaboutsError):
 def message_class(type_name: str) -> Any:
     """Class of a type such as "sensor_msgs/msg/LaserScan".
 
-    Raises
-    ------
-    UnknownTypeError : its package is not installed here.
+    Raises UnknownTypeError: its package is not installed here.
     """
     package, _, name = type_name.partition("/msg/")
     try:

@@ -38,9 +38,8 @@ class TransformBuffer:
     def insert(self, message: TransformStamped, static: bool = False) -> None:
         """Add one transform of a tf or tf_static message.
 
-        Raises
-        ------
-        InputError : frames empty or equal, numbers outside of the envelope, or the quaternion is not of unit length.
+        Raises InputError: frames empty or equal, numbers outside of the envelope, or the quaternion is not of unit
+        length.
         """
         parent, child = frame_name(message.header.frame_id), frame_name(message.child_frame_id)
         if not parent or not child or parent == child:
@@ -85,9 +84,7 @@ class TransformBuffer:
     def lookup(self, target: str, source: str, stamp: int) -> Matrix:
         """Transform that takes coordinates in `source` to coordinates in `target` at `stamp`, (4, 4).
 
-        Raises
-        ------
-        TransformError : a frame is unknown, the two are not connected, or the stamp is out of range.
+        Raises TransformError: a frame is unknown, the two are not connected, or the stamp is out of range.
         """
         target, source = frame_name(target), frame_name(source)
         if target == source:

@@ -169,9 +169,7 @@ def marker_messages(header: Header, objects: Sequence[WorldObject], words: Words
 def region_from_message(message: Region, transform: Array) -> Place | str | None:
     """A region of a request in the frame that `transform` leads to: a name, a polygon or a box; None where it is empty.
 
-    Raises
-    ------
-    InputError : corners or sizes that make no sense.
+    Raises InputError: corners or sizes that make no sense.
     """
     if len(message.polygon):
         corners = np.array([[p.x, p.y, 0.0] for p in message.polygon])

@@ -75,9 +75,7 @@ class LatestState:
 def paths_from_message(message: PredictedPathArray, transform: Array) -> dict[int, Path]:
     """The most probable path of each target, by label, in the frame that `transform` (4, 4) leads to.
 
-    Raises
-    ------
-    InputError : a path that makes no sense; names its label. One of a single point is left out.
+    Raises InputError: a path that makes no sense; names its label. One of a single point is left out.
     """
     start, turn = seconds(message.header.stamp), transform[:2, :2]
     found = {}
@@ -99,9 +97,7 @@ def paths_from_message(message: PredictedPathArray, transform: Array) -> dict[in
 def grid_from_message(message: GridMessage) -> OccupancyGrid:
     """A nav_msgs/OccupancyGrid.
 
-    Raises
-    ------
-    InputError : sizes that do not fit, a resolution that is not positive, a map turned against its axes.
+    Raises InputError: sizes that do not fit, a resolution that is not positive, a map turned against its axes.
     """
     values, pose = grid_values(message), pose_from_message(message.info.origin)
     if abs(pose[5]) > 1e-6:
@@ -112,9 +108,7 @@ def grid_from_message(message: GridMessage) -> OccupancyGrid:
 def grid_values(message: GridMessage) -> NDArray[np.int8]:
     """Values (H, W) of a nav_msgs/OccupancyGrid.
 
-    Raises
-    ------
-    InputError : sizes that do not fit, a resolution that is not positive.
+    Raises InputError: sizes that do not fit, a resolution that is not positive.
     """
     info = message.info
     if not info.resolution > 0.0 or info.width * info.height != len(message.data):

@@ -11,8 +11,6 @@ from whereabouts.nodes.ros.qos import LATCHED
 class BaseClaim:
     """The node's word on `base_available`. What others said before holds again when it gives the base back.
 
-    Attributes
-    ----------
     taken_by_others : whether somebody else than this node has said last that the base is not to be moved.
     """
 

@@ -36,8 +36,6 @@ class Errands:
 
     complain : called with a sentence where a search cannot be had.
 
-    Attributes
-    ----------
     sent : searches that were asked for. said : what is under way, or what is waited for, in words.
     """
 

@@ -62,14 +62,9 @@ class _Drive:
 class Navigator:
     """Goals for nav2's `navigate_to_pose`, one at a time. wanted : false where somebody else drives to goals.
 
-    Attributes
-    ----------
     remaining : metres that nav2 says are left, None before it says so. recoveries : how often it had to free itself on
     the way to the goal. reason : why the last goal was not reached, in words.
-
-    Raises
-    ------
-    InputError : nav2_msgs is not installed.
+    Raises InputError: nav2_msgs is not installed.
     """
 
     def __init__(self, node: Node, wanted: bool = True) -> None:

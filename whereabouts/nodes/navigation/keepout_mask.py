@@ -32,9 +32,7 @@ PATIENCE = 2  # masks without people's news after which nobody is drawn
 class PeopleMask:
     """The mask of a node that predicts; it lies over the map, cell by cell, and is sent where it has changed.
 
-    Raises
-    ------
-    InputError : nav2_msgs is not installed.
+    Raises InputError: nav2_msgs is not installed.
     """
 
     def __init__(self, node: SuiteNode) -> None:

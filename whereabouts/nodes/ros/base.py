@@ -54,8 +54,6 @@ NodeType = TypeVar("NodeType", bound="SuiteNode")
 class SuiteNode(LifecycleNode):
     """A lifecycle node with validated parameters, accounted inputs, tf and diagnostics.
 
-    Attributes
-    ----------
     settings : the current parameters, an instance of `parameters_model`.
     active : whether the lifecycle state is active; inputs and timers rest otherwise.
     epoch : number of the run; counts up when time goes back. last_run : why the last one began.

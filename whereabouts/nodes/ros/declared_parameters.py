@@ -28,13 +28,8 @@ class ParameterError(InputError):
 class ParameterSet(Generic[Model]):
     """The parameters of a running node.
 
-    Attributes
-    ----------
     values : the validated model, replaced whenever a parameter is set.
-
-    Raises
-    ------
-    ParameterError : a value given at the start is not allowed.
+    Raises ParameterError: a value given at the start is not allowed.
     """
 
     def __init__(self, node: Node, model: type[Model]) -> None:

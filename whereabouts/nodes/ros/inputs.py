@@ -54,8 +54,6 @@ class Waiting:
 class Input:
     """Messages of one topic on their way to a handler.
 
-    Parameters
-    ----------
     handler : called with the message and its stamp in nanoseconds; an `InputError` it raises is a refused
         message, counted and reported, any other exception a defect that is reported with its trace.
     frames : pairs (target, source) that must be in tf at the stamp before the handler is called. Until then

@@ -71,9 +71,7 @@ class LifecycleClient:
     def advance(self, state: int) -> None:
         """Take the step that follows `state` on the way to active.
 
-        Raises
-        ------
-        SuiteError : the node refused, and has not gone on by itself.
+        Raises SuiteError: the node refused, and has not gone on by itself.
         """
         answer = self._call(self._change, _step_from(state), ANSWER_TIMEOUT, self._asked.pop(state, None))
         if answer is not None and not answer.success and self.state() == state:
@@ -109,10 +107,7 @@ def bring_up(
 
     look_after : called again and again while waiting; may raise. timeout : s until a node has to be there. tell :
     called with a sentence if a node takes long.
-
-    Raises
-    ------
-    SuiteError : a node refuses, is not there in time, or is there and not active for `COMPILING`.
+    Raises SuiteError: a node refuses, is not there in time, or is there and not active for `COMPILING`.
     """
     wait = _Wait(timeout, tell)
     for client in clients:

@@ -13,8 +13,6 @@ from collections.abc import Callable, Mapping
 class Flow:
     """Messages between watched nodes.
 
-    Parameters
-    ----------
     subscribers : watched nodes that listen to a topic, both by full name.
     sent : messages that the replay itself has sent on a topic.
     """

@@ -86,8 +86,6 @@ class ReplayAccount:
 class Replayer:
     """Replays one bag.
 
-    Parameters
-    ----------
     bag : a file, or messages that are made as they are sent: what they tell may then depend on what the nodes said.
     node, executor : a node of the caller's to publish with, and what spins it.
     rate : multiple of the recorded speed; None for lock-step, in which the next message is sent when every

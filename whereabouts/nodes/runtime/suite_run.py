@@ -82,10 +82,7 @@ def prepare_environment(private: bool = False) -> None:
 def run_suite(run: SuiteRun) -> ReplayAccount:
     """Replay a bag through nodes.
 
-    Raises
-    ------
-    SuiteError : a node could not be started or kept running.
-    LogError : the bag cannot be read.
+    Raises SuiteError: a node could not be started or kept running; LogError: the bag cannot be read.
     """
     with ExitStack() as stack:
         node, executor = private_node("whereabouts_replay", run.namespace)
@@ -155,9 +152,7 @@ class _Watch:
     def wait_until_ready(self) -> None:
         """Until every node is active, all have found each other, and what went through them so far is known.
 
-        Raises
-        ------
-        SuiteError : one is not active in time, or has ended.
+        Raises SuiteError: one is not active in time, or has ended.
         """
         deadline = time.monotonic() + START_TIMEOUT
         for client in self.clients:

@@ -140,8 +140,6 @@ class ManagedNode:
 class Supervisor:
     """Keeps a set of nodes running; a context manager that ends them when left.
 
-    Parameters
-    ----------
     log_directory : one log file per node goes there.
     restart : bring back a node that died of a signal or an error, after ever longer waits.
     patient : go on for ever with a node that was active once; otherwise it is given up after RESTART_LIMIT deaths.
@@ -222,9 +220,7 @@ class Supervisor:
     def check(self) -> None:
         """Look after the nodes; call it now and then.
 
-        Raises
-        ------
-        SuiteError : a node ended by itself before it was ever active, or keeps dying and there is no patience.
+        Raises SuiteError: a node ended by itself before it was ever active, or keeps dying and there is no patience.
         """
         if not self._has_ended():
             return
