@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +17,7 @@ from whereabouts.system.counting import counted
 if TYPE_CHECKING:
     from whereabouts.parameters.world_model import WorldModelParameters
     from whereabouts.recorded.world_log import LoggedLook
-    from world_model import WorldEvidence, WorldModel
+    from world_model import WorldEvidence, WorldModel, WorldState
     from world_model.memory.store import Store
 
 
@@ -91,6 +92,7 @@ def world(
     from estimation.errors import InputError
     from whereabouts.parameter_file import settings_for
     from whereabouts.recorded.world_output import moment, write_events, write_looked_back
+    from world_model.memory.store import Store
     from world_model.memory.store_file import is_store
 
     require_places(places)
@@ -99,11 +101,14 @@ def world(
     settings = settings_for(params, "world_model", **over)
     moment(at, 0.0)  # what cannot be understood is said before anything is read
     figures: dict[str, Any] = {"source": str(source)}
+    question = {"class_name": class_name, "predicate": predicate or (), "region": region or None}
+    question |= {"object_id": object_id, "min_probability": min_probability}
     if source.is_file() and is_store(source):
         if out or learn or store or look_back:
             raise InputError("--out, --learn, --look-back and --store need evidence; IN is a store")
-        with _asked_store(source, settings) as model:
-            _answer(model, class_name, predicate, region, object_id, at, min_probability, figures)
+        with Store(source, read_only=True) as kept:
+            model = _with_words(settings, kept)
+            _answer(model, question, at, figures)
             write_events(model, events)
     elif learn is not None:
         _learn(source, settings, learn, figures)
@@ -111,7 +116,7 @@ def world(
         with _model(settings, events is not None or bool(at)) as model:
             _take_in(source, settings, model, out, figures)
             write_looked_back(model, look_back)
-            _answer(model, class_name, predicate, region, object_id, at, min_probability, figures)
+            _answer(model, question, at, figures)
             write_events(model, events)
     write_figures(json_file, figures)
 
@@ -131,15 +136,6 @@ def _model(settings: WorldModelParameters, remembering: bool) -> Iterator[WorldM
         finally:
             if store is not None:
                 store.close()
-
-
-@contextmanager
-def _asked_store(path: Path, settings: WorldModelParameters) -> Iterator[WorldModel]:
-    """A model that only answers from what a store remembers."""
-    from world_model.memory.store import Store
-
-    with Store(path, read_only=True) as store:
-        yield _with_words(settings, store)
 
 
 def _with_words(settings: WorldModelParameters, store: Store | None) -> WorldModel:
@@ -182,106 +178,88 @@ def _looks(source: Path, settings: WorldModelParameters) -> Iterator[LoggedLook]
             typer.echo(f"{name}: {value}")
 
 
+class _Taken:
+    """Goes through looks with a model that takes them in: itself yields each that it takes, and where that leads.
+
+    What it refuses is counted by reason, and said once it is through. seconds : spent in the model.
+    """
+
+    def __init__(self, model: WorldModel) -> None:
+        self._model = model
+        self.refused: Counter[str] = Counter()
+        self.left_out: Counter[str] = Counter()
+        self.count, self.seconds = 0, 0.0
+
+    def of(self, looks: Iterable[LoggedLook]) -> Iterator[tuple[float, WorldEvidence, WorldState]]:
+        """Stamp and evidence of what the model takes, and the world after it."""
+        from estimation.errors import InputError
+
+        for look in looks:
+            begun = time.perf_counter()
+            evidence, unknown = self._model.usable(look.evidence, wordless=look.evidence.view is not None)
+            self.left_out.update(reason.partition(".")[2] for reason in unknown.values())
+            try:
+                state = self._model.update(evidence, look.stamp)
+                for name in look.missing:
+                    state = self._model.report(name, "not_found", look.stamp)
+            except InputError as error:
+                self.refused[str(error)] += 1
+                continue
+            self.seconds += time.perf_counter() - begun
+            self.count += 1
+            yield look.stamp, evidence, state
+        for counts, what, done in (
+            (self.refused, "message", "refused"),
+            (self.left_out, "detection", "left out"),
+        ):
+            for reason, number in counts.items():
+                typer.echo(f"{counted(number, what)} {done}: {reason}", err=True)
+
+
 def _take_in(
     source: Path, settings: WorldModelParameters, model: WorldModel, out: Path | None, figures: dict[str, Any]
 ) -> None:
     import json
     from contextlib import ExitStack
 
-    from estimation.errors import InputError
     from whereabouts.recorded.world_output import state_record
     from whereabouts.system.atomic import atomic_path
 
-    refused: dict[str, int] = {}
-    left_out: dict[str, int] = {}
-    count, spent = 0, 0.0
+    taken = _Taken(model)
     with ExitStack() as stack:
         file = None
         if out is not None:
             file = stack.enter_context(stack.enter_context(atomic_path(out)).open("w", encoding="utf-8"))
-        for look in _looks(source, settings):
-            begun = time.perf_counter()
-            evidence, unknown = model.usable(look.evidence, wordless=look.evidence.view is not None)
-            for reason in unknown.values():
-                reason = reason.partition(".")[2]
-                left_out[reason] = left_out.get(reason, 0) + 1
-            try:
-                state = model.update(evidence, look.stamp)
-                for name in look.missing:
-                    state = model.report(name, "not_found", look.stamp)
-            except InputError as error:
-                refused[str(error)] = refused.get(str(error), 0) + 1
-                continue
-            spent += time.perf_counter() - begun
-            count += 1
+        for _, _, state in taken.of(_looks(source, settings)):
             if file is not None:
                 file.write(json.dumps(state_record(model, state)) + "\n")
-    for reason, number in refused.items():
-        typer.echo(f"{counted(number, 'message')} refused: {reason}", err=True)
-    for reason, number in left_out.items():
-        typer.echo(f"{counted(number, 'detection')} left out: {reason}", err=True)
-    health = model.health
     figures |= {
-        "messages": count,
-        "refused": sum(refused.values()),
-        "left_out": sum(left_out.values()),
-        "objects": int(health["objects"]),
+        "messages": taken.count,
+        "refused": taken.refused.total(),
+        "left_out": taken.left_out.total(),
+        "objects": int(model.health["objects"]),
         "runs": model.epoch + 1,
-        "mean_update_ms": 1e3 * spent / max(count, 1),
+        "mean_update_ms": 1e3 * taken.seconds / max(taken.count, 1),
     }
     if model.store is not None and model.store.problem:
         typer.echo(model.store.problem, err=True)
     typer.echo(
-        f"{counted(count, 'message')}, {figures['mean_update_ms']:.2f} ms each: {counted(figures['objects'], 'object')}"
+        f"{counted(taken.count, 'message')}, {figures['mean_update_ms']:.2f} ms each: "
+        f"{counted(figures['objects'], 'object')}"
         f"{f', written to {out}' if out else ''}{f', kept in {settings.store_path}' if settings.store_path else ''}"
     )
 
 
-def _answer(
-    model: WorldModel,
-    class_name: str,
-    predicate: list[str] | None,
-    region: str,
-    object_id: str,
-    at: str,
-    min_probability: float,
-    figures: dict[str, Any],
-) -> None:
+def _answer(model: WorldModel, question: dict[str, Any], at: str, figures: dict[str, Any]) -> None:
+    """question : as `WorldModel.query` takes it; `at` : about which moment."""
     from whereabouts.recorded.world_output import answer_record, moment
 
-    answers = model.query(
-        class_name=class_name,
-        predicate=predicate or (),
-        region=region or None,
-        object_id=object_id,
-        stamp=moment(at, model.stamp),
-        min_probability=min_probability,
-    )
+    answers = model.query(**question, stamp=moment(at, model.stamp))
     figures["answers"] = [answer_record(answer) for answer in answers]
     for answer in answers:
         typer.echo(f"{answer.probability:.2f}  {answer.description}")
     if not answers:
         typer.echo("no object matches")
-
-
-def _usable(
-    looks: Iterable[LoggedLook], settings: WorldModelParameters
-) -> Iterator[tuple[float, WorldEvidence]]:
-    """Stamp and evidence of what a world model takes; what it refuses is said."""
-    from estimation.errors import InputError
-    from world_model import WorldModel
-
-    model = WorldModel(settings.world)
-    for look in looks:
-        evidence, unknown = model.usable(look.evidence, wordless=look.evidence.view is not None)
-        for reason in unknown.values():
-            typer.echo(f"message at {look.stamp:.3f}, left out: {reason}", err=True)
-        try:
-            model.update(evidence, look.stamp)
-        except InputError as error:
-            typer.echo(f"message at {look.stamp:.3f} refused: {error}", err=True)
-            continue
-        yield look.stamp, evidence
 
 
 class _Watched(list[tuple[float, "WorldEvidence"]]):
@@ -297,9 +275,11 @@ def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dic
     import json
 
     from whereabouts.system.atomic import atomic_path
+    from world_model import WorldModel
     from world_model.learning import learn
 
-    looks = _Watched(_usable(_looks(source, settings), settings))
+    taken = _Taken(WorldModel(settings.world)).of(_looks(source, settings))
+    looks = _Watched((stamp, evidence) for stamp, evidence, _ in taken)
     learned = learn(looks, settings.world)
     changed = {}
     for name in settings.model_dump():
