@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, TopicToUse, target_file, target_folder, write_figures
+from whereabouts.cli.common import JsonFile, TopicToUse, reading, target_file, target_folder, write_figures
 from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def _label(
     from whereabouts.system.progress import track
 
     segment_scan = _segmenter(*how)
-    scans, stamps, poses = read(source, topic)
+    scans, stamps, poses = _read(source, topic)
     started = time.perf_counter()
     labels = np.full((len(scans), max(len(scan) for scan in scans)), -1, dtype=np.int64)
     for index in track(range(len(scans)), f"labelling {source.name}"):
@@ -136,28 +136,22 @@ def _segmenter(method: str, model_file: Path | None) -> Callable[[list[Scan], An
     return of_pair
 
 
-def read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:
+def _read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:
     """Scans of a log, their stamps (N,) and sensor poses (N, 3) by odometry."""
     import numpy as np
 
     from registration.odometry.follower import Odometry
-    from whereabouts.logs import open_log
-    from whereabouts.system.log_errors import NothingRecognisedError
 
     odometry = Odometry()
-    scans: list[Scan] = []
-    stamps: list[float] = []
-    poses: list[Any] = []
-    with open_log(source) as log:
-        for record in log.scans(topic):
+    with reading(source, "following", topic=topic) as log:
+        scans: list[Scan] = []
+        poses: list[Any] = []
+        for record in log.records.scans(topic):
             scans.append(record.scan)
-            stamps.append(record.stamp)
             poses.append(odometry.register(record.scan, record.stamp))
-    if not scans:
-        raise NothingRecognisedError(
-            source, f"there are no scans {f'on topic {topic}' if topic else 'in it'}"
-        )
-    return scans, np.array(stamps), np.array(poses)
+            log.advance(len(scans))
+        log.require(len(scans), "scans")
+    return scans, np.array([scan.stamp for scan in scans]), np.array(poses)
 
 
 def _write(out: Path, labels: Any, stamps: Any, poses: Any) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -29,9 +27,7 @@ from world_model.camera.depth import ENCODINGS
 
 TF, INFO, IMAGE = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/Image"
 BOXES = "vision_msgs/msg/Detection2DArray"
-TYPES = (TF, INFO, IMAGE, BOXES)
-PATIENCE = NANOSECONDS
-"""Detections wait no longer for a depth image or a transform."""
+TYPES = (TF, INFO, IMAGE)
 
 
 @dataclass(frozen=True)
@@ -45,7 +41,7 @@ class CameraSettings:
 
 
 class CameraLog:
-    """Takes a bag's messages in the order of recording; gives evidence of boxes once all that they need has come.
+    """Takes what a bag tells of cameras and frames, in the order of recording; gives evidence of boxes by it.
 
     rates : how good the detector is, learned over the bag.
     """
@@ -56,8 +52,6 @@ class CameraLog:
         self._reader, self._settings = reader, settings
         self._lenses = Cameras(rectified=settings.camera_rectified)
         self._depths: dict[str, Cameras] = {}
-        self._waiting: deque[Any] = deque()
-        self._newest = 0
 
     def take(self, kind: str, message: Any, topic: str) -> None:
         """One message of `TYPES`. Raises InputError."""
@@ -72,33 +66,18 @@ class CameraLog:
                     self.transforms.move(child, parent, stamp, np.append(record.transform[:3, 3], turn))
             return
         frame, stamp = strip_slash(str(message.header.frame_id)), nanoseconds(message.header.stamp)
-        self._newest = max(self._newest, stamp)
         if kind == INFO:
             self._lenses.take_info(message, frame)
-        elif kind == BOXES:
-            self._waiting.append(message)
         elif str(message.encoding) in ENCODINGS:
             kept = self._depths.setdefault(frame, Cameras())
             kept.keep(stamp, message)
 
-    def ready(self, ended: bool = False) -> Iterator[tuple[int, WorldEvidence | InputError]]:
-        """Stamps, ns, and evidence of the boxes whose time has come, or why there is none. ended : nothing follows."""
-        while self._waiting:
-            message = self._waiting[0]
-            stamp = nanoseconds(message.header.stamp)
-            last = ended or self._newest - stamp >= PATIENCE
-            try:
-                found: WorldEvidence | InputError = self._evidence(message, stamp, last)
-            except (InputError, TransformError) as error:
-                if not last:
-                    return
-                found = InputError(str(error))
-            self._waiting.popleft()
-            yield stamp, found
+    def evidence(self, message: Any, frame: str, stamp: int, last: bool) -> WorldEvidence:
+        """Of boxes in the image of a frame, at a stamp, ns. last : whether nothing more is waited for.
 
-    def _evidence(self, message: Any, stamp: int, last: bool) -> WorldEvidence:
-        """last : whether nothing more is waited for."""
-        frame, settings = strip_slash(str(message.header.frame_id)), self._settings
+        Raises TransformError, and InputError also where what belongs to them has not come.
+        """
+        settings = self._settings
         found = self._lenses.lens_for(frame, of_image=True)
         assert found is not None
         robot = self.placed(frame, stamp)

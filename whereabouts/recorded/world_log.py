@@ -14,7 +14,8 @@ from whereabouts.logs import RawMessage, open_raw
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.messages.decode import NANOSECONDS, nanoseconds
-from whereabouts.recorded.camera_log import PATIENCE, TYPES, CameraLog, CameraSettings
+from whereabouts.messages.records import strip_slash
+from whereabouts.recorded.camera_log import BOXES, TYPES, CameraLog, CameraSettings
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
 from whereabouts.system.log_errors import NothingRecognisedError
 from world_model import WorldEvidence
@@ -22,6 +23,8 @@ from world_model import WorldEvidence
 EVIDENCE = "whereabouts_msgs/msg/WorldEvidence"
 DETECTIONS = "vision_msgs/msg/Detection3DArray"
 TARGETS = "whereabouts_msgs/msg/TargetArray"
+PATIENCE = NANOSECONDS
+"""of recording that what is seen waits for transforms and depth images."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class EvidenceLog:
         settings = camera or CameraSettings()
         self._map_frame = settings.map_frame
         self.camera = CameraLog(reader, settings)
-        self._waiting: deque[tuple[str, Any, RawMessage]] = deque()
+        self._waiting: deque[tuple[RawMessage, Any]] = deque()
         self._reader = reader
         self._bag = open_raw(path)
 
@@ -68,21 +71,21 @@ class EvidenceLog:
     def __iter__(self) -> Iterator[LoggedLook]:
         count = 0
         for raw in self._bag:
-            if raw.type_name not in (EVIDENCE, DETECTIONS, TARGETS, *TYPES):
+            if raw.type_name not in (EVIDENCE, DETECTIONS, TARGETS, BOXES, *TYPES):
                 continue
             try:
                 message = raw.decoded()
                 if raw.type_name in TYPES:
                     self.camera.take(raw.type_name, message, raw.name)
                 else:
-                    self._waiting.append((raw.type_name, message, raw))
+                    self._waiting.append((raw, message))
             except (UnreadableTypeError, InputError) as error:
                 self._skip(raw, error)
                 continue
-            for look in (*self._of_space(raw.log_time - PATIENCE), *self._of_boxes()):
+            for look in self._due(raw.log_time - PATIENCE):
                 count += 1
                 yield look
-        for look in (*self._of_space(None), *self._of_boxes(ended=True)):
+        for look in self._due(None):
             count += 1
             yield look
         if count == 0:
@@ -93,39 +96,33 @@ class EvidenceLog:
     def _skip(self, raw: RawMessage, error: Exception) -> None:
         self._bag.summary.skip(f"{raw.name}: {error}", f"time {raw.log_time / NANOSECONDS:.3f}")
 
-    def _of_space(self, until: int | None) -> Iterator[LoggedLook]:
-        """What evidence, detections and targets say whose transforms have come; those of before `until`, ns, or all
-        where that is None, wait no longer."""
+    def _due(self, until: int | None) -> Iterator[LoggedLook]:
+        """What is said by messages for which all has come that they need; those of before `until`, ns, or all where
+        that is None, wait no longer."""
         while self._waiting:
-            kind, message, raw = self._waiting[0]
+            raw, message = self._waiting[0]
             last = until is None or raw.log_time <= until
             try:
-                look = self._look(kind, message, last)
+                look = self._look(raw.type_name, message, last)
             except (InputError, TransformError) as error:
-                if isinstance(error, TransformError) and not last:
+                # Of boxes the depth image may be still to come.
+                if not last and (isinstance(error, TransformError) or raw.type_name == BOXES):
                     return
                 self._skip(raw, error)
             else:
                 yield look
             self._waiting.popleft()
 
-    def _of_boxes(self, ended: bool = False) -> Iterator[LoggedLook]:
-        """What boxes say whose depth image and transforms have come."""
-        for stamp, found in self.camera.ready(ended):
-            seconds = stamp / NANOSECONDS
-            if isinstance(found, InputError):
-                self._bag.summary.skip(f"boxes: {found}", f"time {seconds:.3f}")
-            else:
-                yield LoggedLook(seconds, self.frame, found, ())
-
     def _look(self, type_name: str, message: Any, last: bool) -> LoggedLook:
         header = message.header
-        frame = str(header.frame_id).lstrip("/")
+        frame, stamp = strip_slash(str(header.frame_id)), nanoseconds(header.stamp)
+        missing: list[str] = []
+        if type_name == BOXES:
+            evidence = self.camera.evidence(message, frame, stamp, last)
+            return LoggedLook(stamp / NANOSECONDS, self.frame, evidence, ())
         if not frame:
             raise InputError("header.frame_id is empty")
-        stamp = nanoseconds(header.stamp)
         seen = self._place_of(frame, stamp, last)
-        missing: list[str] = []
         if type_name == EVIDENCE:
             evidence, missing = self._reader.evidence(message, seen)
         elif type_name == DETECTIONS:
