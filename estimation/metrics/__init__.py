@@ -1,4 +1,4 @@
-"""How good an estimate is: RMSE, NEES, relative and absolute trajectory error, relations, OSPA and GOSPA."""
+"""How good an estimate is: RMSE, NEES, trajectory error, relations, OSPA and GOSPA."""
 
 from estimation.metrics.statistics import *  # noqa: F403
 from estimation.metrics.statistics import __all__ as __all__

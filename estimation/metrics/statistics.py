@@ -1,4 +1,4 @@
-"""How good an estimate is: RMSE, NEES, relative and absolute trajectory error, relations, OSPA and GOSPA."""
+"""How good an estimate is: RMSE, NEES, trajectory error, relations, OSPA and GOSPA."""
 
 from __future__ import annotations
 
@@ -12,19 +12,16 @@ from estimation.checks import FloatArray, as_finite, as_square, as_vectors, requ
 from estimation.errors import InputError
 from estimation.metrics.set_metrics import GospaParts, gospa, gospa_parts, ospa
 from estimation.metrics.trajectory_metrics import (
-    PoseErrors,
     RelationErrors,
     TrajectoryErrors,
     absolute_trajectory_error,
     align_points,
     associate,
     relations_error,
-    relative_pose_error,
 )
 
 __all__ = [
     "GospaParts",
-    "PoseErrors",
     "RelationErrors",
     "TrajectoryErrors",
     "absolute_trajectory_error",
@@ -36,7 +33,6 @@ __all__ = [
     "nees",
     "ospa",
     "relations_error",
-    "relative_pose_error",
     "rmse",
 ]
 
