@@ -5,56 +5,45 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from estimation.errors import InputError
-from whereabouts.cli.common import JsonFile, target_folder
+from whereabouts.cli.common import JsonFile, option, target_folder
 
 Bag = Annotated[
     str | None,
-    typer.Option(
+    option(
         "--bag",
-        help="A recording instead of the apartment's day: a bag (also zipped), any log `convert` reads, or "
+        "A recording instead of the apartment's day: a bag (also zipped), any log `convert` reads, or "
         "`killian`, `outdoor` or `indoor`, the last two of the data directory.",
     ),
 ]
 Rate = Annotated[
     float | None,
-    typer.Option(
-        "--rate", min=0.01, max=1000.0, help="Multiple of the recorded speed. Default: as fast as possible."
-    ),
+    option("--rate", "Multiple of the recorded speed. Default: as fast as possible.", min=0.01, max=1000.0),
 ]
 Seconds = Annotated[
     float | None,
-    typer.Option(
-        "--seconds", min=1.0, help="Replay only so many seconds from the beginning of the recording."
-    ),
+    option("--seconds", "Replay only so many seconds from the beginning of the recording.", min=1.0),
 ]
 Live = Annotated[
     bool,
-    typer.Option(
+    option(
         "--live",
-        help="A simulated robot that drives where the suite sends it, instead of a recording. Needs nav2_msgs.",
+        "A simulated robot that drives where the suite sends it, instead of a recording. Needs nav2_msgs.",
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="With --live and --weeks: which day or month.")]
+Seed = Annotated[int, option("--seed", "With --live and --weeks: which day or month.", min=0)]
 Days = Annotated[
-    int,
-    typer.Option(
-        "--days", min=1, max=100, help="With --live: so many days, from --seed on, and a table of them."
-    ),
+    int, option("--days", "With --live: so many days, from --seed on, and a table of them.", min=1, max=100)
 ]
 Weeks = Annotated[
     int | None,
-    typer.Option(
-        "--weeks", min=1, max=52, help="So many simulated weeks of a home, from memory alone. No ROS."
-    ),
+    option("--weeks", "So many simulated weeks of a home, from memory alone. No ROS.", min=1, max=52),
 ]
 
 
 def demo(
     bag: Bag = None,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the report.", callback=target_folder)] = Path(
+    out: Annotated[Path, option("--out", "Folder for the report.", callback=target_folder)] = Path(
         "demo-report"
     ),
     rate: Rate = None,

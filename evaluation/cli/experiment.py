@@ -8,42 +8,37 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, target_folder, write_figures
+from whereabouts.cli.common import JsonFile, argument, option, target_folder, write_figures
 
 OUT = Path("experiments-out")
 
 Dask = Annotated[
     str,
-    typer.Option(
+    option(
         "--dask",
+        "Compute on a Dask cluster: tcp://HOST:8786, or local:N for N workers on this machine.",
         metavar="ADDRESS",
-        help="Compute on a Dask cluster: tcp://HOST:8786, or local:N for N workers on this machine.",
     ),
 ]
 Folders = Annotated[
-    list[Path] | None,
-    typer.Argument(metavar="[OLD NEW]", help="For `compare`: two folders or files of results."),
+    list[Path] | None, argument("[OLD NEW]", "For `compare`: two folders or files of results.")
 ]
-Out = Annotated[
-    Path, typer.Option("--out", help="Folder for NAME.json and its pictures.", callback=target_folder)
-]
+Out = Annotated[Path, option("--out", "Folder for NAME.json and its pictures.", callback=target_folder)]
 Jobs = Annotated[
-    int | None, typer.Option("--jobs", min=1, help="Number of processes. Default: 1; for `all` one per core.")
+    int | None, option("--jobs", "Number of processes. Default: 1; for `all` one per core.", min=1)
 ]
-LeftOut = Annotated[
-    bool, typer.Option("--left-out", help="Show only the results on data that took part in no choice.")
-]
+LeftOut = Annotated[bool, option("--left-out", "Show only the results on data that took part in no choice.")]
 
 
 def experiment(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="An experiment, `all`, `list`, or `compare`.")],
+    name: Annotated[str, argument("NAME", "An experiment, `all`, `list`, or `compare`.")],
     folders: Folders = None,
     out: Out = OUT,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the first repetition; the others follow.")] = 0,
+    seed: Annotated[int, option("--seed", "Seed of the first repetition; the others follow.")] = 0,
     jobs: Jobs = None,
     dask: Dask = "",
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer repetitions of the same protocol.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
+    quick: Annotated[bool, option("--quick", "Fewer repetitions of the same protocol.")] = False,
+    resume: Annotated[bool, option("--resume", "Continue an interrupted run.")] = False,
     left_out: LeftOut = False,
     json_file: JsonFile = None,
 ) -> None:

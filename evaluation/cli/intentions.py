@@ -7,28 +7,28 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, file_to_write, write_figures
+from whereabouts.cli.common import JsonFile, argument, file_to_write, option, write_figures
 from whereabouts.system.counting import counted
 
 Source = Annotated[
     Path,
-    typer.Argument(
-        metavar="FILE",
-        help="Trajectories: Edinburgh Informatics Forum, ETH obsmat, or CSV with the columns time, label, x, y.",
+    argument(
+        "FILE",
+        "Trajectories: Edinburgh Informatics Forum, ETH obsmat, or CSV with the columns time, label, x, y.",
     ),
 ]
 Method = Annotated[
     str,
-    typer.Option(
+    option(
         "--method",
-        help="routes (default); ghmm: the plain growing hidden Markov model; printed: with the paths of chapter 4.",
+        "routes (default); ghmm: the plain growing hidden Markov model; printed: with the paths of chapter 4.",
     ),
 ]
-Horizon = Annotated[float, typer.Option("--horizon", min=0.1, max=60.0, help="Seconds to look ahead.")]
+Horizon = Annotated[float, option("--horizon", "Seconds to look ahead.", min=0.1, max=60.0)]
 Radius = Annotated[
-    float, typer.Option("--radius", min=0.01, help="Distance to the exit that counts as correct, in metres.")
+    float, option("--radius", "Distance to the exit that counts as correct, in metres.", min=0.01)
 ]
-Load = Annotated[Path | None, typer.Option("--load", metavar="M.npz", help="Continue with a saved model.")]
+Load = Annotated[Path | None, option("--load", "Continue with a saved model.", metavar="M.npz")]
 SaveOption = Annotated[Path | None, file_to_write("--save", "M.npz", "Save the model to this file.")]
 Picture = Annotated[
     Path | None, file_to_write("--picture", "P.png", "Draw the learned walks and the predictions.")

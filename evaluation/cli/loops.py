@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from evaluation.cli.experiment import Dask
-from whereabouts.cli.common import JsonFile, file_to_write, write_figures
+from whereabouts.cli.common import JsonFile, argument, file_to_write, option, write_figures
 
 if TYPE_CHECKING:
     from evaluation.loops.place_training import Recording
@@ -20,64 +20,47 @@ app = typer.Typer(help="Train, evaluate and inspect the loop-closure classifier.
 
 Logs = Annotated[
     list[str],
-    typer.Argument(
-        metavar="LOG...",
-        help="Logs with poses (any readable log), or a .csv of 3D features. LOG@PLACE names the building.",
+    argument(
+        "LOG...",
+        "Logs with poses (any readable log), or a .csv of 3D features. LOG@PLACE names the building.",
     ),
 ]
-Method = Annotated[str, typer.Option("--method", help="plain: the reference's AdaBoost. best: the cascade.")]
+Method = Annotated[str, option("--method", "plain: the reference's AdaBoost. best: the cascade.")]
 Distance = Annotated[
-    float,
-    typer.Option("--distance", min=0.01, help="Scans within this distance show the same place, in metres."),
+    float, option("--distance", "Scans within this distance show the same place, in metres.", min=0.01)
 ]
 Heading = Annotated[
-    float,
-    typer.Option("--heading", min=1.0, max=180.0, help="Largest difference of the headings, in degrees."),
+    float, option("--heading", "Largest difference of the headings, in degrees.", min=1.0, max=180.0)
 ]
 PathGap = Annotated[
-    float,
-    typer.Option("--path-gap", min=0.0, help="Shortest path between the two scans of a pair, in metres."),
+    float, option("--path-gap", "Shortest path between the two scans of a pair, in metres.", min=0.0)
 ]
 IndexGap = Annotated[
-    int, typer.Option("--index-gap", min=1, help="Fewest places of the log between the two scans of a pair.")
+    int, option("--index-gap", "Fewest places of the log between the two scans of a pair.", min=1)
 ]
 Apart = Annotated[
     float,
-    typer.Option(
+    option(
         "--apart",
+        "Scans farther apart than this show different places, in metres; 0: use --distance.",
         min=0.0,
-        help="Scans farther apart than this show different places, in metres; 0: use --distance.",
     ),
 ]
-Neighbours = Annotated[
-    bool, typer.Option("--neighbours", help="Allow positive pairs that are near along the path.")
-]
+Neighbours = Annotated[bool, option("--neighbours", "Allow positive pairs that are near along the path.")]
 LocalMapLength = Annotated[
-    float,
-    typer.Option(
-        "--local-map", min=0.0, help="Length of path in a local map, in metres; 0 uses single scans."
-    ),
+    float, option("--local-map", "Length of path in a local map, in metres; 0 uses single scans.", min=0.0)
 ]
-Rounds = Annotated[
-    int, typer.Option("--rounds", min=1, help="Number of decision stumps of the plain method.")
-]
-Negatives = Annotated[
-    int, typer.Option("--negatives", min=10, help="Number of negative pairs from each log.")
-]
-Jobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of processes.")]
-Seed = Annotated[int, typer.Option("--seed", help="Random seed.")]
+Rounds = Annotated[int, option("--rounds", "Number of decision stumps of the plain method.", min=1)]
+Negatives = Annotated[int, option("--negatives", "Number of negative pairs from each log.", min=10)]
+Jobs = Annotated[int, option("--jobs", "Number of processes.", min=1)]
+Seed = Annotated[int, option("--seed", "Random seed.")]
 
 
 Out = Annotated[Path, file_to_write("--out", "model.json", "File for the model.")]
 Simulation = Annotated[
-    int,
-    typer.Option(
-        "--simulation", min=0, help="Number of simulated office floors to add to the training data."
-    ),
+    int, option("--simulation", "Number of simulated office floors to add to the training data.", min=0)
 ]
-Pairs = Annotated[
-    int, typer.Option("--pairs", min=50, help="Number of positive pairs from each log, for the cascade.")
-]
+Pairs = Annotated[int, option("--pairs", "Number of positive pairs from each log, for the cascade.", min=50)]
 Judged = Annotated[
     bool,
     typer.Option(
@@ -139,19 +122,18 @@ def train(
 
 
 ModelOption = Annotated[
-    str,
-    typer.Option("--model", help="Model file, or a shipped model: best or plain. Ignored with --protocol."),
+    str, option("--model", "Model file, or a shipped model: best or plain. Ignored with --protocol.")
 ]
 Protocol = Annotated[
     str,
-    typer.Option(
+    option(
         "--protocol",
-        help="model: evaluate --model. cross: train on the other buildings. k-fold: train within each log.",
+        "model: evaluate --model. cross: train on the other buildings. k-fold: train within each log.",
     ),
 ]
-DistancesOption = Annotated[str, typer.Option("--distances", help="Distances to evaluate at, in metres.")]
-Positives = Annotated[int, typer.Option("--positives", min=10, help="Largest number of positive pairs.")]
-Repetitions = Annotated[int, typer.Option("--repetitions", min=1, help="Number of permutations for k-fold.")]
+DistancesOption = Annotated[str, option("--distances", "Distances to evaluate at, in metres.")]
+Positives = Annotated[int, option("--positives", "Largest number of positive pairs.", min=10)]
+Repetitions = Annotated[int, option("--repetitions", "Number of permutations for k-fold.", min=1)]
 Curve = Annotated[Path | None, file_to_write("--roc", "PNG", "Draw the ROC curves.")]
 
 
@@ -171,7 +153,7 @@ def evaluate(
     rounds: Rounds = 50,
     positives: Positives = 3000,
     negatives: Negatives = 20_000,
-    folds: Annotated[int, typer.Option("--folds", min=2, help="Number of folds for k-fold.")] = 10,
+    folds: Annotated[int, option("--folds", "Number of folds for k-fold.", min=2)] = 10,
     repetitions: Repetitions = 5,
     seed: Seed = 0,
     jobs: Jobs = 1,
@@ -216,9 +198,7 @@ def inspect(
     path_gap: PathGap = 20.0,
     index_gap: IndexGap = 1,
     rounds: Rounds = 50,
-    most: Annotated[
-        int, typer.Option("--pairs", min=20, help="Largest number of pairs of each class.")
-    ] = 1500,
+    most: Annotated[int, option("--pairs", "Largest number of pairs of each class.", min=20)] = 1500,
     seed: Seed = 0,
     json_file: JsonFile = None,
 ) -> None:

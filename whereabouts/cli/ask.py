@@ -9,30 +9,23 @@ from typing import Annotated
 import typer
 
 from estimation.errors import WhereaboutsError
-from whereabouts.cli.common import require_places
+from whereabouts.cli.common import Namespace, argument, option, require_places
 
 NOT_UNDERSTOOD, NO_WORLD = 1, 2
 StoreFile = Annotated[
-    Path | None,
-    typer.Option("--store", metavar="world.sqlite", help="Use this store, not the running suite."),
+    Path | None, option("--store", "Use this store, not the running suite.", metavar="world.sqlite")
 ]
 PlacesFile = Annotated[
     Path | None,
-    typer.Option(
-        "--places", metavar="home.yaml", help="Rooms and furniture in place of those the store has."
-    ),
+    option("--places", "Rooms and furniture in place of those the store has.", metavar="home.yaml"),
 ]
-Namespace = Annotated[str, typer.Option("--namespace", help="Of the running suite, such as /robot1.")]
 
 
 def ask(
     words: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="[STORE] QUESTION...", help="A store, where it is not the running suite; a question."
-        ),
+        list[str], argument("[STORE] QUESTION...", "A store, where it is not the running suite; a question.")
     ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print the whole record as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the whole record as JSON.")] = False,
     places: PlacesFile = None,
     namespace: Namespace = "",
 ) -> None:

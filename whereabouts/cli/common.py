@@ -17,6 +17,16 @@ if TYPE_CHECKING:
     from whereabouts.robot.robot_log import RobotLog
 
 
+def option(name: str, what: str, **more: Any) -> Any:
+    """An option of a command, and what it says or does; more : as of `typer.Option`."""
+    return typer.Option(name, help=what, **more)
+
+
+def argument(metavar: str, what: str) -> Any:
+    """What stands in a command line without the name of an option."""
+    return typer.Argument(metavar=metavar, help=what)
+
+
 def target_file(path: Path | None) -> Path | None:
     """Callback of an option that names a file to write: whether it can be is said before any work is done.
 
@@ -52,9 +62,9 @@ def target_folder(path: Path | None) -> Path | None:
     return path
 
 
-def file_to_write(option: str, metavar: str, what: str) -> Any:
+def file_to_write(name: str, metavar: str, what: str) -> Any:
     """An option that names a file to write; see `target_file`."""
-    return typer.Option(option, metavar=metavar, help=what, callback=target_file)
+    return option(name, what, metavar=metavar, callback=target_file)
 
 
 def require_places(path: Path | None) -> None:
@@ -67,22 +77,21 @@ def require_places(path: Path | None) -> None:
         )
 
 
-AnyLog = Annotated[
-    Path, typer.Argument(metavar="IN", help="Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag.")
-]
+Namespace = Annotated[str, option("--namespace", "Namespace of the suite, such as /robot1.")]
+AnyLog = Annotated[Path, argument("IN", "Any readable log: CARMEN, g2o with laser, ROS 1 or ROS 2 bag.")]
 TopicToUse = Annotated[
-    str | None, typer.Option("--topic", help="Topic of the scans or clouds; default: the first one found.")
+    str | None, option("--topic", "Topic of the scans or clouds; default: the first one found.")
 ]
 WithWheels = Annotated[
-    bool, typer.Option("--wheels/--no-wheels", help="Use the log's wheel odometry, if any, as initial guess.")
+    bool, option("--wheels/--no-wheels", "Use the log's wheel odometry, if any, as initial guess.")
 ]
 ParamsFile = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--params",
-        metavar="robot.yaml",
-        help="ROS parameter file, such as `setup` writes: topics, frames and settings. The trajectory is then that of "
+        "ROS parameter file, such as `setup` writes: topics, frames and settings. The trajectory is then that of "
         "the robot's frame, as tf says how the sensor is mounted.",
+        metavar="robot.yaml",
     ),
 ]
 TumFile = Annotated[Path | None, file_to_write("--out", "T.tum", "Write the trajectory, one line per scan.")]

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from whereabouts.cli.common import Namespace, option
 
 if TYPE_CHECKING:
     from whereabouts.console.sources import Source
@@ -18,29 +18,22 @@ HERE = ("127.0.0.1", "localhost", "::1")
 def console(
     store: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--store",
+            "The world model's memory: for questions and the past. Without --live only the store is shown.",
             metavar="world.sqlite",
-            help="The world model's memory: for questions and the past. Without --live only the store is shown.",
         ),
     ] = None,
-    port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Port of the page.")] = 8090,
+    port: Annotated[int, option("--port", "Port of the page.", min=1, max=65535)] = 8090,
     host: Annotated[
-        str,
-        typer.Option(
-            "--host", help="Address to serve at. 0.0.0.0 lets other devices look, with the token only."
-        ),
+        str, option("--host", "Address to serve at. 0.0.0.0 lets other devices look, with the token only.")
     ] = "127.0.0.1",
     live: Annotated[
         bool | None,
-        typer.Option(
-            "--live/--no-live", help="Listen to the running suite.", show_default="yes, without --store"
-        ),
+        option("--live/--no-live", "Listen to the running suite.", show_default="yes, without --store"),
     ] = None,
-    namespace: Annotated[str, typer.Option("--namespace", help="Namespace of the suite.")] = "",
-    token: Annotated[
-        str, typer.Option("--token", help="What a page needs to act.", show_default="a new one")
-    ] = "",
+    namespace: Namespace = "",
+    token: Annotated[str, option("--token", "What a page needs to act.", show_default="a new one")] = "",
 ) -> None:
     """Serve a page with map, robot, people, things and a box to ask; until Ctrl-C.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, write_figures
+from whereabouts.cli.common import JsonFile, argument, option, write_figures
 from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
@@ -16,38 +16,34 @@ if TYPE_CHECKING:
 
 Source = Annotated[
     Path,
-    typer.Argument(
-        metavar="IN",
-        help="CARMEN log (.clf, .log, also .gz, .bz2), g2o file with laser, ROS 1 bag, ROS 2 bag (folder, "
+    argument(
+        "IN",
+        "CARMEN log (.clf, .log, also .gz, .bz2), g2o file with laser, ROS 1 bag, ROS 2 bag (folder, "
         ".mcap, .db3), or a zip archive with one of these.",
     ),
 ]
-Target = Annotated[
-    Path,
-    typer.Argument(metavar="OUT", help="OUT.mcap writes one file; any other name writes a rosbag2 folder."),
-]
-Topic = Annotated[list[str] | None, typer.Option("--topic", help="Convert only this topic. Can be repeated.")]
+Target = Annotated[Path, argument("OUT", "OUT.mcap writes one file; any other name writes a rosbag2 folder.")]
+Topic = Annotated[list[str] | None, option("--topic", "Convert only this topic. Can be repeated.")]
 MaxRange = Annotated[
     float | None,
-    typer.Option(
+    option(
         "--max-range",
-        min=0.1,
-        help="Readings of a CARMEN or g2o log beyond this are no-returns, in metres. Default: the log's own limit, "
+        "Readings of a CARMEN or g2o log beyond this are no-returns, in metres. Default: the log's own limit, "
         "or 50 m if it states none.",
+        min=0.1,
     ),
 ]
 Rate = Annotated[
     float | None,
-    typer.Option(
+    option(
         "--rate",
-        min=0.001,
-        help="Replace the stamps of a CARMEN or g2o log: from 0 on, this many scans per second. For logs whose "
+        "Replace the stamps of a CARMEN or g2o log: from 0 on, this many scans per second. For logs whose "
         "stamps are zero, rounded or outside of what ROS can express.",
+        min=0.001,
     ),
 ]
 Seconds = Annotated[
-    float | None,
-    typer.Option("--seconds", min=0.001, help="Convert only so many seconds from the beginning."),
+    float | None, option("--seconds", "Convert only so many seconds from the beginning.", min=0.001)
 ]
 
 

@@ -11,6 +11,7 @@ import typer
 from estimation.errors import WhereaboutsError
 from whereabouts import __version__
 from whereabouts.cli.ask import ask
+from whereabouts.cli.common import option
 from whereabouts.cli.console import console
 from whereabouts.cli.convert import convert
 from whereabouts.cli.doctor import doctor
@@ -84,8 +85,7 @@ for command in (
 @app.callback()
 def about(
     version: Annotated[
-        bool,
-        typer.Option("--version", help="Print the version and exit.", callback=_say_version, is_eager=True),
+        bool, option("--version", "Print the version and exit.", callback=_say_version, is_eager=True)
     ] = False,
 ) -> None:
     """Perception for a mobile service robot: run the nodes, and process recordings."""

@@ -8,9 +8,8 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from whereabouts.cli.ask import Namespace, StoreFile
+from whereabouts.cli.ask import StoreFile
+from whereabouts.cli.common import Namespace, option
 from whereabouts.cli.console import require_free
 
 if TYPE_CHECKING:
@@ -24,20 +23,20 @@ def mcp(
     store: StoreFile = None,
     http: Annotated[
         int | None,
-        typer.Option(
+        option(
             "--http",
+            f"Streamable HTTP on {HOST}; default: stdio. The token is that of {TOKEN}, or a new one that is said.",
             metavar="PORT",
             min=1,
             max=65535,
-            help=f"Streamable HTTP on {HOST}; default: stdio. The token is that of {TOKEN}, or a new one that is said.",
         ),
     ] = None,
     allow: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--allow",
+            "Let find_object, verify_object, forget or relabel act. Can be repeated.",
             metavar="TOOL",
-            help="Let find_object, verify_object, forget or relabel act. Can be repeated.",
         ),
     ] = None,
     namespace: Namespace = "",

@@ -7,15 +7,13 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import file_to_write
+from whereabouts.cli.common import argument, file_to_write
 from whereabouts.system.counting import counted
 
 
 def merge(
-    first: Annotated[Path, typer.Argument(metavar="FIRST.npz", help="A saved map; its frame stays.")],
-    second: Annotated[
-        Path, typer.Argument(metavar="SECOND.npz", help="A map of another session that overlaps it.")
-    ],
+    first: Annotated[Path, argument("FIRST.npz", "A saved map; its frame stays.")],
+    second: Annotated[Path, argument("SECOND.npz", "A map of another session that overlaps it.")],
     map_file: Annotated[
         Path,
         file_to_write(

@@ -7,18 +7,17 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import file_to_write
+from whereabouts.cli.common import argument, file_to_write, option
 from whereabouts.node_names import NODES
 from whereabouts.system.counting import counted
 
 
 def parameters(
     nodes: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[NODE]...", help=f"Of these nodes: {', '.join(NODES)}. Default: all."),
+        list[str] | None, argument("[NODE]...", f"Of these nodes: {', '.join(NODES)}. Default: all.")
     ] = None,
     expert: Annotated[
-        bool, typer.Option("--expert", help="Those that hardly anybody changes, in place of the usual ones.")
+        bool, option("--expert", "Those that hardly anybody changes, in place of the usual ones.")
     ] = False,
     out: Annotated[
         Path | None, file_to_write("--out", "FILE", "Write them here; default: print them.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import file_to_write, target_file, target_folder
+from whereabouts.cli.common import Namespace, argument, file_to_write, option, target_file, target_folder
 from whereabouts.node_names import NODES
 from whereabouts.system.counting import counted
 
@@ -21,48 +21,38 @@ __all__ = ["NODES", "run"]
 
 
 NodesOption = Annotated[
-    list[str] | None,
-    typer.Argument(metavar="[NODE]...", help=f"Nodes to run: {', '.join(NODES)}. Default: all."),
+    list[str] | None, argument("[NODE]...", f"Nodes to run: {', '.join(NODES)}. Default: all.")
 ]
 Config = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--config",
+        "YAML file with nodes, parameters, remappings, namespace and bag. Options override it.",
         metavar="suite.yaml",
-        help="YAML file with nodes, parameters, remappings, namespace and bag. Options override it.",
     ),
 ]
-Bag = Annotated[
-    Path | None, typer.Option("--bag", help="Replay this ROS 1 or ROS 2 bag through the nodes, then end.")
-]
+Bag = Annotated[Path | None, option("--bag", "Replay this ROS 1 or ROS 2 bag through the nodes, then end.")]
 Rate = Annotated[
-    float | None,
-    typer.Option("--rate", min=0.01, max=1000.0, help="Replay speed, as a multiple of the recorded speed."),
+    float | None, option("--rate", "Replay speed, as a multiple of the recorded speed.", min=0.01, max=1000.0)
 ]
 LockStep = Annotated[
-    bool,
-    typer.Option(
-        "--lock-step", help="Replay as fast as the nodes can; wait for each message to be processed."
-    ),
+    bool, option("--lock-step", "Replay as fast as the nodes can; wait for each message to be processed.")
 ]
 Record = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
         "--record",
+        "Topic to record, such as odometry:nav_msgs/msg/Odometry. Can be repeated.",
         metavar="TOPIC:TYPE",
-        help="Topic to record, such as odometry:nav_msgs/msg/Odometry. Can be repeated.",
     ),
 ]
 Out = Annotated[Path | None, file_to_write("--out", "OUT.mcap", "File for the recording.")]
-Params = Annotated[
-    Path | None, typer.Option("--params", help="ROS parameter file. It overrides the shipped ones.")
-]
-NamespaceOption = Annotated[str, typer.Option("--namespace", help="Namespace of all nodes, such as /robot1.")]
+Params = Annotated[Path | None, option("--params", "ROS parameter file. It overrides the shipped ones.")]
 Logs = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--logs",
-        help="Folder for one log file per node.",
+        "Folder for one log file per node.",
         show_default="whereabouts in ROS's folder of logs",
         callback=target_folder,
     ),
@@ -78,7 +68,7 @@ def run(
     record: Record = None,
     out: Out = None,
     params: Params = None,
-    namespace: NamespaceOption = "",
+    namespace: Namespace = "",
     logs: Logs = None,
 ) -> None:
     """Run nodes and end them cleanly on Ctrl-C.

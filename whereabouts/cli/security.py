@@ -7,15 +7,13 @@ from typing import Annotated
 
 import typer
 
-from whereabouts.cli.common import target_folder
+from whereabouts.cli.common import option, target_folder
 
 
 def security(
-    out: Annotated[
-        Path, typer.Option("--out", help="Folder for the policies, one file each.", callback=target_folder)
-    ],
+    out: Annotated[Path, option("--out", "Folder for the policies, one file each.", callback=target_folder)],
     config: Annotated[
-        Path | None, typer.Option("--config", help="The suite's file, as of `whereabouts run --config`.")
+        Path | None, option("--config", "The suite's file, as of `whereabouts run --config`.")
     ] = None,
 ) -> None:
     """Write least-privilege SROS2 policies: one for each node, one for clients and one for operators.

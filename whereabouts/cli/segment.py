@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, TopicToUse, reading, target_file, target_folder, write_figures
+from whereabouts.cli.common import (
+    JsonFile,
+    TopicToUse,
+    argument,
+    option,
+    reading,
+    target_file,
+    target_folder,
+    write_figures,
+)
 from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
@@ -20,34 +29,28 @@ PAIR = (-0.6, 0.6)  # seconds to the scan that the text's method compares with: 
 
 
 def segment(
-    source: Annotated[
-        Path | None, typer.Argument(metavar="[IN]", help="Any readable log with planar scans.")
-    ] = None,
+    source: Annotated[Path | None, argument("[IN]", "Any readable log with planar scans.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", help="labels.npz, or with --train the model's JSON file.", callback=target_file
-        ),
+        option("--out", "labels.npz, or with --train the model's JSON file.", callback=target_file),
     ] = None,
     topic: TopicToUse = None,
     model_file: Annotated[
-        Path | None, typer.Option("--model", help="Use this trained model instead of the shipped one.")
+        Path | None, option("--model", "Use this trained model instead of the shipped one.")
     ] = None,
     method: Annotated[
         str,
-        typer.Option(
+        option(
             "--method",
-            help="trees: over a window of scans; as_printed: the joint CRF of the text, from pairs of scans.",
+            "trees: over a window of scans; as_printed: the joint CRF of the text, from pairs of scans.",
         ),
     ] = "trees",
     pictures: Annotated[
         Path | None,
-        typer.Option(
-            "--pictures", help="Folder for pictures of some labelled scans.", callback=target_folder
-        ),
+        option("--pictures", "Folder for pictures of some labelled scans.", callback=target_folder),
     ] = None,
     train: Annotated[
-        bool, typer.Option("--train", help="Train a model on simulated labelled pairs and write it to --out.")
+        bool, option("--train", "Train a model on simulated labelled pairs and write it to --out.")
     ] = False,
     json_file: JsonFile = None,
 ) -> None:

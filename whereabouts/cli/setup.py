@@ -8,27 +8,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from whereabouts.cli.common import JsonFile, file_to_write, write_figures
+from whereabouts.cli.common import JsonFile, argument, file_to_write, option, write_figures
 from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
     from whereabouts.robot.survey import Survey
 
 BagToLookAt = Annotated[
-    Path | None,
-    typer.Argument(metavar="[BAG]", help="Any readable recording. Default: look at the running robot."),
+    Path | None, argument("[BAG]", "Any readable recording. Default: look at the running robot.")
 ]
 Seconds = Annotated[
-    float,
-    typer.Option("--seconds", min=1.0, max=600.0, help="How long to listen to a running robot, in seconds."),
+    float, option("--seconds", "How long to listen to a running robot, in seconds.", min=1.0, max=600.0)
 ]
 PresetName = Annotated[
     str | None,
-    typer.Option(
+    option(
         "--preset",
-        metavar="NAME",
-        help="A kind of robot: turtlebot3, turtlebot4, husky or scanner. What is seen goes before it. "
+        "A kind of robot: turtlebot3, turtlebot4, husky or scanner. What is seen goes before it. "
         "With --no-look it is written as it is.",
+        metavar="NAME",
     ),
 ]
 
@@ -40,12 +38,11 @@ def setup(
     ),
     preset: PresetName = None,
     look: Annotated[
-        bool,
-        typer.Option("--look/--no-look", help="Look at the robot or the bag; without, write the preset."),
+        bool, option("--look/--no-look", "Look at the robot or the bag; without, write the preset.")
     ] = True,
     seconds: Seconds = 5.0,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the file; without, one that exists is kept.")
+        bool, option("--overwrite", "Replace the file; without, one that exists is kept.")
     ] = False,
     json_file: JsonFile = None,
 ) -> None:

@@ -8,20 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from whereabouts.cli.ask import Namespace, StoreFile
+from whereabouts.cli.ask import StoreFile
+from whereabouts.cli.common import Namespace, argument, option
 
 if TYPE_CHECKING:
     from whereabouts.agents.knowledge import Knowledge
     from whereabouts.nodes.live.live_actions import Done
 
-Named = Annotated[
-    list[str], typer.Argument(metavar="NAME", help='An id ("cup-3"), a class, or a colour and a class.')
-]
+Named = Annotated[list[str], argument("NAME", 'An id ("cup-3"), a class, or a colour and a class.')]
 MapPath = Annotated[
-    str,
-    typer.Argument(
-        metavar="[PATH]", help="Folder or file stem on the node's machine; default: as configured."
-    ),
+    str, argument("[PATH]", "Folder or file stem on the node's machine; default: as configured.")
 ]
 
 
@@ -90,9 +86,7 @@ def save_map(path: MapPath = "", namespace: Namespace = "") -> None:
 
 def load_map(
     path: MapPath = "",
-    extend: Annotated[
-        bool, typer.Option("--extend", help="Go on mapping; else only localise in it.")
-    ] = False,
+    extend: Annotated[bool, option("--extend", "Go on mapping; else only localise in it.")] = False,
     namespace: Namespace = "",
 ) -> None:
     """Have the running node loop_closure read a map and localise in it."""

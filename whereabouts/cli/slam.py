@@ -21,6 +21,7 @@ from whereabouts.cli.common import (
     TumFile,
     WithWheels,
     file_to_write,
+    option,
     reading,
     write_figures,
 )
@@ -49,8 +50,7 @@ MapFile = Annotated[
     ),
 ]
 InMap = Annotated[
-    Path | None,
-    typer.Option("--in-map", metavar="M.npz", help="Only localise in this map; do not change it."),
+    Path | None, option("--in-map", "Only localise in this map; do not change it.", metavar="M.npz")
 ]
 Initial = Annotated[
     str | None,

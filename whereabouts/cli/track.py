@@ -16,7 +16,9 @@ from whereabouts.cli.common import (
     ParamsFile,
     TopicToUse,
     WithWheels,
+    argument,
     file_to_write,
+    option,
     reading,
     write_figures,
 )
@@ -51,9 +53,7 @@ class TrackedFrame(StrEnum):
     odom = "odom"
 
 
-Source = Annotated[
-    Path, typer.Argument(metavar="IN", help="Any readable log with planar scans: CARMEN, ROS 1 or 2 bag.")
-]
+Source = Annotated[Path, argument("IN", "Any readable log with planar scans: CARMEN, ROS 1 or 2 bag.")]
 Out = Annotated[
     Path | None,
     file_to_write(
@@ -68,9 +68,9 @@ FrameOption = Annotated[
 ]
 FilterOption = Annotated[
     Filter,
-    typer.Option(
+    option(
         "--filter",
-        help="mixture: everything that stands free, with its class. phd: the reference's filter on single returns. "
+        "mixture: everything that stands free, with its class. phd: the reference's filter on single returns. "
         "gmphd: its filter for points, on clusters. The last two know no classes.",
     ),
 ]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, file_to_write, write_figures
+from whereabouts.cli.common import JsonFile, argument, file_to_write, option, write_figures
 from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 Bags = Annotated[
     list[Path] | None,
-    typer.Argument(
-        metavar="[IN]...",
-        help="ROS bags to show together, such as one from `run --record` and its source. "
+    argument(
+        "[IN]...",
+        "ROS bags to show together, such as one from `run --record` and its source. "
         "Default: show the running nodes.",
     ),
 ]
@@ -31,17 +31,12 @@ Picture = Annotated[
     Path | None, file_to_write("--picture", "OUT.png", "Draw the last state from above. Needs no Rerun.")
 ]
 Until = Annotated[
-    float | None,
-    typer.Option("--until", min=0.0, help="Stop after this many seconds of the bag, or of listening."),
+    float | None, option("--until", "Stop after this many seconds of the bag, or of listening.", min=0.0)
 ]
-Namespace = Annotated[
-    str, typer.Option("--namespace", help="Show only the robot in this namespace, such as /robot1.")
-]
+Namespace = Annotated[str, option("--namespace", "Show only the robot in this namespace, such as /robot1.")]
 Hide = Annotated[
     list[str] | None,
-    typer.Option(
-        "--hide", metavar="TOPIC", help="Leave out the topics that start with this. Can be repeated."
-    ),
+    option("--hide", "Leave out the topics that start with this. Can be repeated.", metavar="TOPIC"),
 ]
 
 

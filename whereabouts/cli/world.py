@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from whereabouts.cli.common import JsonFile, file_to_write, require_places, write_figures
+from whereabouts.cli.common import JsonFile, argument, file_to_write, option, require_places, write_figures
 from whereabouts.system.counting import counted
 
 if TYPE_CHECKING:
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 Source = Annotated[
     Path,
-    typer.Argument(
-        metavar="IN",
-        help="Bag with evidence, detections in space or targets, in the map's frame or with tf to it (without a map in "
+    argument(
+        "IN",
+        "Bag with evidence, detections in space or targets, in the map's frame or with tf to it (without a map in "
         "tf all in one frame), or with boxes, camera_info, depth and tf; or a store.",
     ),
 ]
@@ -34,10 +34,10 @@ Events = Annotated[
     Path | None, file_to_write("--events", "events.csv", "Write what happened to each object.")
 ]
 StoreOption = Annotated[
-    Path | None, typer.Option("--store", metavar="world.sqlite", help="Keep the world in this database file.")
+    Path | None, option("--store", "Keep the world in this database file.", metavar="world.sqlite")
 ]
-Params = Annotated[Path | None, typer.Option("--params", help="ROS parameter file of the node world_model.")]
-Places = Annotated[Path | None, typer.Option("--places", metavar="home.yaml", help="Rooms and furniture.")]
+Params = Annotated[Path | None, option("--params", "ROS parameter file of the node world_model.")]
+Places = Annotated[Path | None, option("--places", "Rooms and furniture.", metavar="home.yaml")]
 LookBack = Annotated[
     Path | None,
     file_to_write(
@@ -54,16 +54,13 @@ LearnOption = Annotated[
         "Learn the detection probability, clutter and noise from the evidence. Write a parameter file.",
     ),
 ]
-Predicate = Annotated[list[str] | None, typer.Option("--predicate", help="Ask: objects with this symbol.")]
-Region = Annotated[str, typer.Option("--region", help="Ask: objects at this place, or near this object.")]
+Predicate = Annotated[list[str] | None, option("--predicate", "Ask: objects with this symbol.")]
+Region = Annotated[str, option("--region", "Ask: objects at this place, or near this object.")]
 AtOption = Annotated[
-    str,
-    typer.Option(
-        "--at", help='Ask about this time: seconds, 2026-11-21T09:00, 09:00 (last day), or "last_seen".'
-    ),
+    str, option("--at", 'Ask about this time: seconds, 2026-11-21T09:00, 09:00 (last day), or "last_seen".')
 ]
 MinProbability = Annotated[
-    float, typer.Option("--min-probability", min=0.0, max=1.0, help="Leave out less probable answers.")
+    float, option("--min-probability", "Leave out less probable answers.", min=0.0, max=1.0)
 ]
 
 
@@ -76,10 +73,10 @@ def world(
     places: Places = None,
     look_back: LookBack = None,
     learn: LearnOption = None,
-    class_name: Annotated[str, typer.Option("--class", help="Ask: objects of this class.")] = "",
+    class_name: Annotated[str, option("--class", "Ask: objects of this class.")] = "",
     predicate: Predicate = None,
     region: Region = "",
-    object_id: Annotated[str, typer.Option("--id", help="Ask: this object.")] = "",
+    object_id: Annotated[str, option("--id", "Ask: this object.")] = "",
     at: AtOption = "",
     min_probability: MinProbability = 0.05,
     json_file: JsonFile = None,
@@ -101,7 +98,11 @@ def world(
     settings = settings_for(params, "world_model", **over)
     moment(at, 0.0)  # what cannot be understood is said before anything is read
     figures: dict[str, Any] = {"source": str(source)}
-    question = {"class_name": class_name, "predicate": predicate or (), "region": region or None}
+    question: dict[str, Any] = {
+        "class_name": class_name,
+        "predicate": predicate or (),
+        "region": region or None,
+    }
     question |= {"object_id": object_id, "min_probability": min_probability}
     if source.is_file() and is_store(source):
         if out or learn or store or look_back:

@@ -51,7 +51,7 @@ def open_log(
     if name == "g2o":
         from whereabouts.logs.formats.g2o import G2oLog
 
-        return G2oLog(source, topics, max_range, member, unpacked_limit=unpacked_limit)
+        return G2oLog(source, topics, max_range, member, unpacked_limit)
     from whereabouts.logs.bags.ros import RosLog
 
     return RosLog(source, topics, name, unpacked_limit)

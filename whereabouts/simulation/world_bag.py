@@ -13,8 +13,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from estimation.errors import InputError
 from estimation.geometry.rotations import quaternion_from_euler
 from whereabouts.logs import McapWriter, Topic
+from whereabouts.messages.decode import NANOSECONDS
 from whereabouts.nodes.messages.message_types import definition
-from whereabouts.recorded.world_log import EVIDENCE, NANOSECONDS
+from whereabouts.recorded.world_log import EVIDENCE
 from world_model import ObjectEvidence, WorldEvidence
 
 

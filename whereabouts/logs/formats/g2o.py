@@ -59,36 +59,11 @@ class G2oGraph:
     edges: list[G2oEdge]
     stamps: Array = field(default_factory=lambda: np.zeros(0))
 
-    @cached_property
-    def _split(self) -> tuple[dict[int, G2oEdge], list[G2oEdge]]:
-        """Sequential constraints by the rank of their later vertex, and the others."""
-        ranks = {int(vertex): rank for rank, vertex in enumerate(self.ids)}
-        sequential: dict[int, G2oEdge] = {}
-        revisits = []
-        for edge in self.edges:
-            first, second = ranks.get(edge.source, -9), ranks.get(edge.target, -9)
-            later = max(first, second)
-            if abs(first - second) == 1 and later not in sequential:
-                sequential[later] = edge
-            else:
-                revisits.append(edge)
-        return sequential, revisits
-
     @property
     def unstamped(self) -> bool:
         """Whether all scans have the same stamp, so that it says nothing."""
         known = self.stamps[np.isfinite(self.stamps)]
         return len(known) > 1 and bool((known == known[0]).all())
-
-    @property
-    def sequential(self) -> list[G2oEdge]:
-        """The first constraint of each pair of consecutive vertices, in vertex order."""
-        return [edge for _, edge in sorted(self._split[0].items())]
-
-    @property
-    def revisits(self) -> list[G2oEdge]:
-        """All other constraints: places known to have been seen before."""
-        return self._split[1]
 
     def chain(self) -> tuple[Array, int]:
         """Poses (N, 3) by the sequential constraints alone, from the first vertex's pose on.
@@ -96,21 +71,24 @@ class G2oGraph:
         Also returned is the number of vertices that no constraint ties to the one before them; there the
         solved poses give the motion.
         """
-        sequential = self._split[0]
+        ranks = {int(vertex): rank for rank, vertex in enumerate(self.ids)}
+        sequential: dict[int, G2oEdge] = {}
+        for edge in self.edges:
+            first, second = ranks.get(edge.source, -9), ranks.get(edge.target, -9)
+            if abs(first - second) == 1:
+                sequential.setdefault(max(first, second), edge)
         poses: list[Array] = []
         gaps = 0
         for rank, solved in enumerate(self.poses):
             if not rank:
                 poses.append(solved)
                 continue
-            edge = sequential.get(rank)
-            if edge is None:
+            tie = sequential.get(rank)
+            if tie is None:
                 gaps += 1
                 motion = between(self.poses[rank - 1], solved)
-            elif edge.target == self.ids[rank]:
-                motion = edge.motion
             else:
-                motion = inverse(edge.motion)
+                motion = tie.motion if tie.target == self.ids[rank] else inverse(tie.motion)
             poses.append(compound(poses[-1], motion))
         return np.array(poses, dtype=np.float64).reshape(-1, 3), gaps
 
@@ -119,13 +97,12 @@ class G2oLog(Log):
     """A g2o file with ROBOTLASER1 lines as a stream of ScanRecord.
 
     Every scan carries `odometry`, the chain of sequential constraints, so its drift is theirs, and `pose`,
-    the solved pose of its vertex. `graph` has the other constraints, the known revisits.
+    the solved pose of its vertex. `graph` has all constraints.
 
     path : the file (.g2o, plain or compressed, or a zip archive holding one).
     topics : hand out only these (`scan`); None for all.
     max_range : metres from which a reading is a no-return, instead of what the lines say.
     member : name inside a zip archive.
-    rate : scans per second where the file has no stamps (all equal).
     """
 
     format = "g2o"
@@ -136,15 +113,11 @@ class G2oLog(Log):
         topics: Iterable[str] | None = None,
         max_range: float | None = None,
         member: str | None = None,
-        rate: float = SYNTHETIC_RATE,
         unpacked_limit: int = UNPACKED_LIMIT,
     ) -> None:
         super().__init__(path, topics)
-        if not rate > 0.0:
-            raise InputError(f"rate: positive number of scans per second expected, got {rate}")
         self._source = TextSource(path, member, unpacked_limit)
         self._max_range = max_range
-        self._rate = rate
 
     @property
     def progress(self) -> float:
@@ -154,7 +127,7 @@ class G2oLog(Log):
     def graph(self) -> G2oGraph:
         """Vertices and constraints; lines that cannot be read are left out, and counted when iterating."""
         graph = _read_graph(self._source, Summary())
-        return replace(graph, stamps=_paced(graph, self._rate)) if graph.unstamped else graph
+        return replace(graph, stamps=_paced(graph)) if graph.unstamped else graph
 
     def _records(self) -> Iterator[Record]:
         graph = self.graph
@@ -164,8 +137,10 @@ class G2oLog(Log):
         if gaps:
             reason = "vertex not tied to the one before it: solved poses give its odometry"
             self.summary.note(reason, "the edges", gaps)
-        if np.array_equal(graph.stamps, _paced(graph, self._rate), equal_nan=True):
-            self.summary.note(f"no stamps in the file: {self._rate:g} scans per second assumed", "its lasers")
+        if np.array_equal(graph.stamps, _paced(graph), equal_nan=True):
+            self.summary.note(
+                f"no stamps in the file: {SYNTHETIC_RATE:g} scans per second assumed", "its lasers"
+            )
         rank, free, lasers = -1, False, 0
         for number, fields in _fields(self._source, self.summary):
             try:
@@ -261,11 +236,11 @@ def _read_graph(source: TextSource, summary: Summary) -> G2oGraph:
     return G2oGraph(np.array(ids, dtype=np.int64), array, edges, np.array(stamps, dtype=np.float64))
 
 
-def _paced(graph: G2oGraph, rate: float) -> Array:
+def _paced(graph: G2oGraph) -> Array:
     """Stamps at an even pace for the vertices that have a scan."""
     stamps = np.full(len(graph.ids), np.nan)
     seen = np.isfinite(graph.stamps)
-    stamps[seen] = np.arange(np.count_nonzero(seen)) / rate
+    stamps[seen] = np.arange(np.count_nonzero(seen)) / SYNTHETIC_RATE
     return stamps
 
 
