@@ -30,14 +30,8 @@ from whereabouts.system.counting import counted
 Read = Callable[[str], AbstractContextManager[LogReading]]
 
 
-class Proposals(StrEnum):
-    """`loop_closure.slam_config.Proposals`, which is imported only when it is needed."""
-
-    both = "both"
-    path = "path"
-    places = "places"
-
-
+# `loop_closure.slam_config.Proposals`, which is imported only when it is needed.
+Proposals = StrEnum("Proposals", ["both", "path", "places"])
 ClosuresOption = Annotated[
     Path | None, file_to_write("--closures", "C.csv", "Write the accepted closures to this file.")
 ]

@@ -31,28 +31,10 @@ COLUMNS = ("time", "label", "x", "y", "vx", "vy", "weight")
 OF_ALL = ("person", "label_probability")  # columns besides where all targets are written
 
 
-class Filter(StrEnum):
-    """Trackers by name."""
-
-    mixture = "mixture"
-    phd = "phd"
-    gmphd = "gmphd"
-
-
-class Targets(StrEnum):
-    """What is written."""
-
-    people = "people"
-    all = "all"
-
-
-class TrackedFrame(StrEnum):
-    """Frames in which tracks are written."""
-
-    laser = "laser"
-    odom = "odom"
-
-
+# Trackers by name, what is written, and in which frame.
+Filter = StrEnum("Filter", ["mixture", "phd", "gmphd"])
+Targets = StrEnum("Targets", ["people", "all"])
+TrackedFrame = StrEnum("TrackedFrame", ["laser", "odom"])
 Source = Annotated[Path, argument("IN", "Any readable log with planar scans: CARMEN, ROS 1 or 2 bag.")]
 Out = Annotated[
     Path | None,
