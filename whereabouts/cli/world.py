@@ -273,8 +273,7 @@ class _Watched(list[tuple[float, "WorldEvidence"]]):
 
 
 def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dict[str, Any]) -> None:
-    import json
-
+    from whereabouts.parameters.yaml_text import given_section
     from whereabouts.system.atomic import atomic_path
     from world_model import WorldModel
     from world_model.learning import learn
@@ -295,14 +294,9 @@ def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dic
         "objects": learned.objects,
     }
     given = {**settings.model_dump(), **changed}
-    lines = [
-        f"# Learned from {source.name}: {counted(len(looks), 'look')}, {counted(learned.objects, 'object')}.",
-        "/**:",
-        "  ros__parameters:",
-    ]
-    lines += [f"    {name}: {json.dumps(value)}" for name, value in given.items()]
+    said = f"# Learned from {source.name}: {counted(len(looks), 'look')}, {counted(learned.objects, 'object')}.\n"
     with atomic_path(out) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        temporary.write_text(said + given_section("/**", given), encoding="utf-8")
     for name, value in changed.items():
         typer.echo(f"{name}: {getattr(settings.world, name):g} -> {value:g}")
     for name, share in sorted(learned.by_class.items()):

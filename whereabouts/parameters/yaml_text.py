@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import yaml
 
@@ -37,19 +39,21 @@ def parameter_file(nodes: Sequence[str] = NODES, expert: bool = False) -> str:
 
 def section(nodes: str, model: type[NodeParameters], names: Sequence[str]) -> str:
     """What a file says for the nodes of a name: parameters at their defaults, each below its meaning."""
-    lines = [f"{nodes}:", "  ros__parameters:"]
+    about = {}
     for name in names:
         field = model.model_fields[name]
         fixed = "; while unconfigured" if extra(field, "fixed") else ""
-        about = f"{field.description} ({allowed(field)}{fixed})"
-        lines += [f"    # {line}" for line in textwrap.wrap(about, WIDTH - 6)]
-        lines.append(f"    {name}: {_value(field.default)}")
+        about[name] = f"{field.description} ({allowed(field)}{fixed})"
+    return given_section(nodes, {name: model.model_fields[name].default for name in names}, about)
+
+
+def given_section(nodes: str, values: Mapping[str, Any], about: Mapping[str, str] | None = None) -> str:
+    """Parameters of the nodes of a name, each below what is said `about` it."""
+    lines = [f"{nodes}:", "  ros__parameters:"]
+    for name, value in values.items():
+        lines += [f"    # {line}" for line in textwrap.wrap((about or {}).get(name, ""), WIDTH - 6)]
+        # In one line; texts in quotes, so that none is taken for something else.
+        style = '"' if isinstance(value, str) else None
+        text = yaml.safe_dump(value, default_flow_style=True, default_style=style, width=math.inf)
+        lines.append(f"    {name}: " + text.removesuffix("\n").removesuffix("\n..."))
     return "\n".join(lines) + "\n"
-
-
-def _value(value: object) -> str:
-    """As YAML, in one line; texts in quotes, so that none is taken for something else."""
-    text = yaml.safe_dump(
-        value, default_flow_style=True, default_style='"' if isinstance(value, str) else None
-    )
-    return text.removesuffix("\n").removesuffix("\n...").replace("\n", " ")

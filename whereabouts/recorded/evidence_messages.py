@@ -49,12 +49,10 @@ class SeenFrame:
     origin: Array | None = None
     pose_covariance: Array | None = None
 
-    def position(self, position: Array, covariance: Array | None) -> tuple[Array, Array | None]:
+    def position(self, position: Array, covariance: Array) -> tuple[Array, Array]:
         """Position (3,) and covariance (3, 3) in the world; the covariance is turned, the robot's is added."""
         turn = self.matrix[:3, :3]
         moved = turn @ position + self.matrix[:3, 3]
-        if covariance is None:
-            return moved, None
         turned = turn @ covariance @ turn.T
         if self.origin is None or self.pose_covariance is None:
             return moved, turned
@@ -155,9 +153,7 @@ class Reader:
         return WorldEvidence(objects, blocked=True), labels
 
     def _object(self, item: Any, frame: SeenFrame) -> ObjectEvidence:
-        covariance = _covariance("pose.covariance", item.pose.covariance)
-        if covariance is None:
-            covariance = self.sigma**2 * np.eye(3)
+        covariance = _covariance("pose.covariance", item.pose.covariance, self.sigma)
         position, turned = frame.position(_vector(item.pose.pose.position), covariance)
         attributes: dict[str, dict[str, float]] = {}
         quantities = _measured(_vector(item.size))
@@ -179,15 +175,13 @@ class Reader:
 
     def _detection(self, item: Any, frame: SeenFrame) -> ObjectEvidence:
         best = max(item.results, key=lambda result: result.hypothesis.score, default=None)
-        position, covariance = _vector(item.bbox.center.position), None
+        position, covariance = _vector(item.bbox.center.position), self.sigma**2 * np.eye(3)
         if best is not None:
             at = _vector(best.pose.pose.position)
             position = at if at.any() else position
-            covariance = _covariance("results[].pose.covariance", best.pose.covariance)
-        attributes = self._classified(item.results)
-        if covariance is None:
-            covariance = self.sigma**2 * np.eye(3)
+            covariance = _covariance("results[].pose.covariance", best.pose.covariance, self.sigma)
         position, turned = frame.position(position, covariance)
+        attributes = self._classified(item.results)
         words, numbers = self._with_symbols(attributes, _measured(_vector(item.bbox.size)))
         return ObjectEvidence(position, turned, words, quantities=numbers)
 
@@ -283,13 +277,13 @@ def _vector(point: Any) -> Array:
     return found
 
 
-def _covariance(name: str, values: Iterable[float]) -> Array | None:
-    """Position block (3, 3) of a 6x6 covariance; None where it is zero, which stands for unknown."""
+def _covariance(name: str, values: Iterable[float], unknown: float) -> Array:
+    """Position block (3, 3) of a 6x6 covariance; of a deviation `unknown`, m, where all are zero."""
     block = np.array(values, dtype=np.float64).reshape(6, 6)[:3, :3]
     if not (np.abs(block) <= WIDEST).all():
         raise InputError(f"{name} must be finite and below {WIDEST:g}; it holds NaN, infinity or more")
     if not block.any():
-        return None
+        return unknown**2 * np.eye(3)
     # A measurement is never surer than this, and what divides by its variance can.
     places = np.arange(3)
     block[places, places] = np.maximum(block[places, places], SUREST)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
-import yaml
-
+from whereabouts.parameters.yaml_text import given_section
 from whereabouts.robot.choice import Choice
 from whereabouts.robot.findings import Finding
 
@@ -57,12 +56,8 @@ def as_text(choice: Choice, said: list[Finding], source: str) -> str:
             f"# {line}" if number == 0 else f"#   {line}"
             for number, line in enumerate(textwrap.wrap(str(finding), WIDTH))
         ]
-    for node, given in parameters(choice).items():
-        name = node if node.startswith("/") else f"/**/{node}"
-        lines += [f"{name}:", "  ros__parameters:"]
-        lines += [f"    {key}: {_value(value)}" for key, value in given.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _value(value: Any) -> str:
-    return yaml.safe_dump(value, default_flow_style=True, width=1000).removesuffix("...\n").strip()
+    sections = [
+        given_section(node if node.startswith("/") else f"/**/{node}", given)
+        for node, given in parameters(choice).items()
+    ]
+    return "\n".join(lines) + "\n" + "".join(sections)

@@ -64,8 +64,7 @@ def placed(evidence: WorldEvidence, pose: Array, pan: float, covariance: Array) 
     frame = SeenFrame(eye, pose[:2], covariance)
     objects = []
     for item in evidence.objects:
-        spread = None if item.covariance is None else np.asarray(item.covariance)
-        position, turned = frame.position(np.asarray(item.position), spread)
+        position, turned = frame.position(np.asarray(item.position), np.asarray(item.covariance))
         objects.append(replace(item, position=position, covariance=turned))
     assert evidence.sensor is not None
     x, y, z, yaw = evidence.sensor["pose"]
