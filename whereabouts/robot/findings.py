@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -29,6 +30,11 @@ class Finding:
         return f"{self.level}: {self.text}"
 
 
+error = partial(Finding, "error")
+warning = partial(Finding, "warning")
+note = partial(Finding, "note")
+
+
 def findings(survey: Survey, choice: Choice) -> list[Finding]:
     """All there is to say, the gravest first."""
     parts = (_sensors, _namespaces, _tree, _mounting, _publishers, _clocks, _qos, _odometry, _others)
@@ -39,11 +45,9 @@ def findings(survey: Survey, choice: Choice) -> list[Finding]:
 def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
     scans, clouds = survey.of(SCAN), survey.of(CLOUD)
     if not scans and not clouds:
-        yield Finding("error", f"{survey.source} has neither LaserScan nor PointCloud2 messages")
+        yield error(f"{survey.source} has neither LaserScan nor PointCloud2 messages")
         for other in survey.of(*UNTAKEN):
-            yield Finding(
-                "error", f"{other.name} is a {other.kind.rpartition('/')[2]}: {UNTAKEN[other.kind]}"
-            )
+            yield error(f"{other.name} is a {other.kind.rpartition('/')[2]}: {UNTAKEN[other.kind]}")
         return
     followed = (choice.scans or choice.clouds)[0]
     for item in [*scans, *clouds]:
@@ -54,47 +58,42 @@ def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
                 f"{item.name}: no message came within {survey.seconds:.0f} s",
             )
         elif item.unstamped:
-            yield Finding("error", f"{item.name}: its stamps are all 0: the driver has to set header.stamp")
+            yield error(f"{item.name}: its stamps are all 0: the driver has to set header.stamp")
         elif item.blind:
-            yield Finding(
-                "warning",
-                f"{item.name}: none of {item.count} scans has a reading between range_min and range_max",
+            yield warning(
+                f"{item.name}: none of {item.count} scans has a reading between range_min and range_max"
             )
         elif not item.frame:
-            yield Finding("error", f"{item.name}: its frame_id is empty: set it in the driver")
+            yield error(f"{item.name}: its frame_id is empty: set it in the driver")
         elif item.frame.startswith("/"):
-            yield Finding("note", f"{item.name}: frame '{item.frame}' has a leading slash, which is ignored")
+            yield note(f"{item.name}: frame '{item.frame}' has a leading slash, which is ignored")
     item = survey.topics[followed]
     reach = f", up to {item.range_max:g} m" if item.range_max else ""
     rate = f" at {item.rate:.1f} Hz" if item.rate else ""
-    yield Finding("note", f"following {followed}{rate}{reach}")
+    yield note(f"following {followed}{rate}{reach}")
     beside = [other for other in scans if other.name not in choice.scans]
     taken = {survey.topics[name].frame for name in choice.scans}
     same = [other for other in beside if other.frame in taken]
     if same:
-        yield Finding("note", f"not used: {names(same)}: of the same scanner as a scan that is followed")
+        yield note(f"not used: {names(same)}: of the same scanner as a scan that is followed")
     apart = [other for other in beside if other.frame not in taken]
     if apart:
-        yield Finding(
-            "note", f"not used: {names(apart)} (tf does not say how they are mounted, or no message came)"
-        )
+        yield note(f"not used: {names(apart)} (tf does not say how they are mounted, or no message came)")
     if scans and clouds:
-        yield Finding("note", f"not used: {names(clouds)}: scans are followed; see cloud_topics")
+        yield note(f"not used: {names(clouds)}: scans are followed; see cloud_topics")
 
 
 def _namespaces(survey: Survey, choice: Choice) -> Iterator[Finding]:
     known = survey.tf_namespaces()
     if len(known) > 1:
         listed = ", ".join(f"{name}/tf" for name in known)
-        yield Finding(
-            "warning",
-            f"tf comes on {listed}: frames of several robots mix here; that in {choice.namespace or '/'} is taken",
+        yield warning(
+            f"tf comes on {listed}: frames of several robots mix here; that in {choice.namespace or '/'} is taken"
         )
     if choice.namespace:
-        yield Finding(
-            "note",
+        yield note(
             f"tf is on {choice.namespace}/tf, so the nodes run in that namespace: --namespace {choice.namespace}, in "
-            f"launch files namespace:={choice.namespace.strip('/')}",
+            f"launch files namespace:={choice.namespace.strip('/')}"
         )
 
 
@@ -103,32 +102,29 @@ def _tree(survey: Survey, choice: Choice) -> Iterator[Finding]:
         parents = survey.parents(child)
         if len(parents) > 1:
             listed = " and ".join(f"'{name}'" for name in parents)
-            yield Finding(
-                "error",
+            yield error(
                 f"frame '{child}' has two parents: {listed}. A frame has one: switch one of the publishers off"
-                f"{_who(survey, child)}",
+                f"{_who(survey, child)}"
             )
     followed = survey.topics.get((choice.scans or choice.clouds or [""])[0])
     if followed is None or not followed.frame:
         return
     sensor = followed.frame.lstrip("/")
     if not survey.edges:
-        yield Finding(
-            "warning",
+        yield warning(
             f"nobody says on tf how '{sensor}' is mounted: the sensor's frame stands for the robot's. For a robot run "
-            f"`ros2 run tf2_ros static_transform_publisher --frame-id base_link --child-frame-id {sensor}`",
+            f"`ros2 run tf2_ros static_transform_publisher --frame-id base_link --child-frame-id {sensor}`"
         )
     elif choice.base_frame not in survey.chain(sensor):
-        yield Finding("error", f"tf does not connect '{sensor}' with the robot's frame '{choice.base_frame}'")
+        yield error(f"tf does not connect '{sensor}' with the robot's frame '{choice.base_frame}'")
     elif choice.base_frame == sensor and survey.frames() - {sensor}:
         trees = ", ".join(sorted(survey.frames())[:8])
         latched = any(item.name.endswith("tf_static") and item.count for item in survey.of(TF)) or any(
             edge.static for edge in survey.edges.values()
         )
         why = "" if latched else ". No tf_static was seen: a recording has to have it, too"
-        yield Finding(
-            "warning",
-            f"'{sensor}' hangs on nothing in tf, which has {trees}: its frame stands for the robot's{why}",
+        yield warning(
+            f"'{sensor}' hangs on nothing in tf, which has {trees}: its frame stands for the robot's{why}"
         )
 
 
@@ -139,13 +135,12 @@ def _mounting(survey: Survey, choice: Choice) -> Iterator[Finding]:
         if mounting is None:
             continue
         if mounting[2, 2] < 0.0 and level_pose(mounting) is not None:
-            yield Finding("note", f"{name}: '{sensor}' is mounted upside down")
+            yield note(f"{name}: '{sensor}' is mounted upside down")
         elif level_pose(mounting) is None:
             angle = np.degrees(np.arccos(min(abs(mounting[2, 2]), 1.0)))
-            yield Finding(
-                "warning",
+            yield warning(
                 f"{name}: '{sensor}' is tilted by {angle:.0f}° on '{choice.base_frame}': scans are projected to the "
-                "floor, and people are not found in them",
+                "floor, and people are not found in them"
             )
 
 
@@ -161,14 +156,13 @@ def _who(survey: Survey, child: str) -> str:
 def _publishers(survey: Survey, choice: Choice) -> Iterator[Finding]:
     for edge in survey.edges.values():
         if edge.disagreeing:
-            yield Finding(
-                "error",
+            yield error(
                 f"two publishers place '{edge.child}' in '{edge.parent}' and disagree: it leaps there and back. Switch "
-                f"one of them off{_who(survey, edge.child)}",
+                f"one of them off{_who(survey, edge.child)}"
             )
     for item in survey.of(SCAN, CLOUD, ODOMETRY):
         if len(item.publishers) > 1:
-            yield Finding("error", f"{item.name} has two publishers: {', '.join(item.publishers)}")
+            yield error(f"{item.name} has two publishers: {', '.join(item.publishers)}")
 
 
 def _clocks(survey: Survey, choice: Choice) -> Iterator[Finding]:
@@ -197,49 +191,42 @@ def _qos(survey: Survey, choice: Choice) -> Iterator[Finding]:
         latched = item.name.endswith("tf_static")
         for offer in item.qos:
             if offer.reliability == "best_effort":
-                yield Finding(
-                    "error", f"{item.name} is published best effort; every listener of tf asks for reliable"
-                )
+                yield error(f"{item.name} is published best effort; every listener of tf asks for reliable")
             if latched and offer.durability == "volatile":
-                yield Finding(
-                    "error",
+                yield error(
                     f"{item.name} is published volatile: who comes later never hears it. Publish it transient_local, "
-                    "as tf2_ros's StaticTransformBroadcaster does",
+                    "as tf2_ros's StaticTransformBroadcaster does"
                 )
 
 
 def _odometry(survey: Survey, choice: Choice) -> Iterator[Finding]:
     link = f"'{choice.odom_frame}' -> '{choice.base_frame}'"
     if choice.base_publishes_tf:
-        yield Finding(
-            "note", f"the base publishes {link} and keeps it: scan_registration publishes messages only"
-        )
+        yield note(f"the base publishes {link} and keeps it: scan_registration publishes messages only")
     else:
-        yield Finding("note", f"scan_registration publishes {link}")
+        yield note(f"scan_registration publishes {link}")
     if choice.map_published:
-        yield Finding(
-            "warning",
+        yield warning(
             f"'{choice.map_frame}' -> '{choice.odom_frame}' is published already, by a mapper or localiser: "
             "loop_closure leaves it alone. To have the map of this suite switch that off, and set loop_closure's "
-            "publish_tf: true",
+            "publish_tf: true"
         )
     others = [item for item in survey.of(ODOMETRY) if item.name != choice.wheels]
     if choice.wheels:
-        yield Finding("note", f"wheels: {choice.wheels}")
+        yield note(f"wheels: {choice.wheels}")
     elif others:
-        yield Finding(
-            "warning",
-            f"none of {names(others)} is taken for wheel odometry; name it in wheel_topic if one is",
+        yield warning(
+            f"none of {names(others)} is taken for wheel odometry; name it in wheel_topic if one is"
         )
     else:
-        yield Finding("note", "no wheel odometry: long corridors and fast turns are followed less surely")
+        yield note("no wheel odometry: long corridors and fast turns are followed less surely")
 
 
 def _others(survey: Survey, choice: Choice) -> Iterator[Finding]:
     seen = survey.of(IMU, *CAMERAS)
     if seen:
-        yield Finding("note", f"not used, as no node takes them: {names(seen)}")
+        yield note(f"not used, as no node takes them: {names(seen)}")
     for line in survey.troubles:
-        yield Finding("warning", line)
+        yield warning(line)
     for line in survey.left_out:
-        yield Finding("note", line)
+        yield note(line)

@@ -7,7 +7,7 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from whereabouts.robot.findings import Finding
+from whereabouts.robot.findings import Finding, error, note
 
 OWN = ("estimation", "registration", "loop_closure", "tracking", "world_model", "whereabouts")
 ROS = ("rclpy", "sensor_msgs", "tf2_msgs", "vision_msgs", "map_msgs", "whereabouts_msgs")
@@ -52,18 +52,15 @@ def import_findings(places: dict[str, str]) -> list[Finding]:
     for name in OWN:
         if Path(places[name]).parent != home:
             said.append(
-                Finding(
-                    "error",
+                error(
                     f"`{name}` is imported from {places[name]} and not from {home}: another package of that name "
-                    "goes before it. Use an environment of its own, or correct PYTHONPATH",
+                    "goes before it. Use an environment of its own, or correct PYTHONPATH"
                 )
             )
     missing = [name for name in ROS if places[name] == MISSING]
     if missing:
-        said.append(Finding("note", f"no nodes can run here: {', '.join(missing)} not installed"))
+        said.append(note(f"no nodes can run here: {', '.join(missing)} not installed"))
     said += [
-        Finding("note", f"{name} is not installed: {what}")
-        for name, what in OTHERS.items()
-        if places[name] == MISSING
+        note(f"{name} is not installed: {what}") for name, what in OTHERS.items() if places[name] == MISSING
     ]
     return said
