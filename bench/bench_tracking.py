@@ -29,8 +29,7 @@ from evaluation.peers.stone_soup_phd import StoneSoupPhd
 from evaluation.phd.phd_recorded import SCENES, config_of
 from evaluation.phd.target_scores import positions
 from tracking import ExtendedTargetPhd, PhdConfig, PointTargetPhd
-from tracking.phd.correction import CellStatistics, cell_log_factor
-from tracking.phd.correction_kernels import centroid_log_likelihood
+from tracking.phd.correction import CellStatistics, cell_log_factor, centroid_log_likelihood
 from tracking.phd.partitions import PartitionBuilder
 
 NOISE = 20.0

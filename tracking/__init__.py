@@ -8,14 +8,6 @@ from tracking.people.scan_filters import PointsTracker, tracker_of
 from tracking.phd.filters import ExtendedTargetPhd, PhdHealth, PointTargetPhd
 
 __all__ = [
-    "ExtendedTargetPhd",
-    "PeopleConfig",
-    "PeopleTracker",
-    "Person",
-    "PhdConfig",
-    "PhdHealth",
-    "PointTargetPhd",
-    "PointsTracker",
-    "Target",
-    "tracker_of",
-]
+    "ExtendedTargetPhd", "PeopleConfig", "PeopleTracker", "Person", "PhdConfig", "PhdHealth",
+    "PointTargetPhd", "PointsTracker", "Target", "tracker_of",
+]  # fmt: skip

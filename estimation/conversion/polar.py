@@ -26,17 +26,9 @@ from estimation.errors import InputError
 from estimation.filters.normality import mardia_statistics, mardia_test
 
 __all__ = [
-    "METHODS",
-    "Method",
-    "absolute_bias",
-    "bias_significance",
-    "condition_ratio",
-    "convert",
-    "convert_samples",
-    "mardia_statistics",
-    "mardia_test",
-    "rotate_local",
-]
+    "METHODS", "Method", "absolute_bias", "bias_significance", "condition_ratio", "convert",
+    "convert_samples", "mardia_statistics", "mardia_test", "rotate_local",
+]  # fmt: skip
 
 Method = Literal["linear", "dcm", "ucm", "mucm", "unscented", "sampled"]
 METHODS: tuple[str, ...] = get_args(Method)

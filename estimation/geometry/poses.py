@@ -33,29 +33,12 @@ from estimation.geometry.rotations import (
 )
 
 __all__ = [
-    "between",
-    "between_jacobians",
-    "compound",
-    "compound_covariance",
-    "compound_jacobians",
-    "euler_from_quaternion",
-    "euler_from_rotation",
-    "inverse",
-    "inverse_covariance",
-    "inverse_jacobian",
-    "pose_from_matrix",
-    "pose_from_quaternion",
-    "pose_to_matrix",
-    "pose_to_quaternion",
-    "quaternion_from_euler",
-    "quaternion_from_rotation",
-    "rotation_2d",
-    "rotation_from_euler",
-    "rotation_from_quaternion",
-    "transform_points",
-    "uncompound",
-    "wrap_angle",
-]
+    "between", "between_jacobians", "compound", "compound_covariance", "compound_jacobians",
+    "euler_from_quaternion", "euler_from_rotation", "inverse", "inverse_covariance", "inverse_jacobian",
+    "pose_from_matrix", "pose_from_quaternion", "pose_to_matrix", "pose_to_quaternion",
+    "quaternion_from_euler", "quaternion_from_rotation", "rotation_2d", "rotation_from_euler",
+    "rotation_from_quaternion", "transform_points", "uncompound", "wrap_angle",
+]  # fmt: skip
 
 
 def _pair(a: npt.ArrayLike, b: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

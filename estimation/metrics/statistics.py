@@ -21,20 +21,9 @@ from estimation.metrics.trajectory_metrics import (
 )
 
 __all__ = [
-    "GospaParts",
-    "RelationErrors",
-    "TrajectoryErrors",
-    "absolute_trajectory_error",
-    "align_points",
-    "anees_bounds",
-    "associate",
-    "gospa",
-    "gospa_parts",
-    "nees",
-    "ospa",
-    "relations_error",
-    "rmse",
-]
+    "GospaParts", "RelationErrors", "TrajectoryErrors", "absolute_trajectory_error", "align_points",
+    "anees_bounds", "associate", "gospa", "gospa_parts", "nees", "ospa", "relations_error", "rmse",
+]  # fmt: skip
 
 
 def rmse(error: npt.ArrayLike) -> float:

@@ -16,8 +16,7 @@ from tracking.mixture.phd_models import (
     PositionMeasurement,
     Sight,
 )
-from tracking.phd.correction import CellStatistics, Corrector, cell_log_factor
-from tracking.phd.correction_kernels import centroid_log_likelihood
+from tracking.phd.correction import CellStatistics, Corrector, cell_log_factor, centroid_log_likelihood
 from tracking.phd.partitioning import Distances, Exhaustive, Singletons, all_partitions
 from tracking.phd.partitions import PartitionBuilder, PredictedTargets
 

@@ -26,7 +26,8 @@ def squares(points: Any, means: Any, xx: Any, xy: Any, yy: Any) -> Any:
 
 
 @njit(cache=True)
-def _root(parent: Any, i: int) -> int:
+def root_of(parent: Any, i: int) -> int:
+    """The first of those that are joined with i, of a forest of parents (N,); paths to it become shorter."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -46,7 +47,7 @@ def connected(rows: Any, label: Any, labels: int, births: Any, narrow: Any, poin
     for k in range(len(rows)):
         for i in range(n):
             if rows[k, i]:
-                a, b = _root(parent, label[k]), _root(parent, labels + i)
+                a, b = root_of(parent, label[k]), root_of(parent, labels + i)
                 parent[b] = a
     born = np.zeros(n, np.bool_)
     for k in range(len(births)):
@@ -56,7 +57,7 @@ def connected(rows: Any, label: Any, labels: int, births: Any, narrow: Any, poin
                 born[i] = True
                 if narrow[k]:
                     if first >= 0:
-                        a, b = _root(parent, labels + first), _root(parent, labels + i)
+                        a, b = root_of(parent, labels + first), root_of(parent, labels + i)
                         parent[b] = a
                     first = i
     square = link * link
@@ -66,10 +67,10 @@ def connected(rows: Any, label: Any, labels: int, births: Any, narrow: Any, poin
                 if (j < i or not born[j]) and j != i:
                     x, y = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
                     if x * x + y * y < square:
-                        a, b = _root(parent, labels + i), _root(parent, labels + j)
+                        a, b = root_of(parent, labels + i), root_of(parent, labels + j)
                         parent[b] = a
     for i in range(labels + n):
-        parent[i] = _root(parent, i)
+        parent[i] = root_of(parent, i)
     return parent
 
 
@@ -83,13 +84,13 @@ def single_linkage(points: Any, distance: float) -> Any:
         for j in range(i):
             x, y = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
             if x * x + y * y <= square:
-                a, b = _root(parent, i), _root(parent, j)
+                a, b = root_of(parent, i), root_of(parent, j)
                 parent[max(a, b)] = min(a, b)
     names = np.empty(n, np.int64)
     count = 0
     for i in range(n):
         # The root of a group is its first point.
-        root = _root(parent, i)
+        root = root_of(parent, i)
         if root == i:
             names[i] = count
             count += 1

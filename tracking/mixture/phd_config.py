@@ -121,15 +121,9 @@ class PhdConfig:
         if not (area[:, 0] < area[:, 1]).all():
             raise InputError("surveillance must be ((x0, x1), (y0, y1)) with x0 < x1 and y0 < y1")
         for name in (
-            "clutter_rate",
-            "measurement_noise",
-            "measurement_rate",
-            "scan_period",
-            "max_gap",
-            "occluder_width",
-            "sensor_range",
-            "field_of_view",
-        ):
+            "clutter_rate", "measurement_noise", "measurement_rate", "scan_period", "max_gap",
+            "occluder_width", "sensor_range", "field_of_view",
+        ):  # fmt: skip
             self._number(name, 0.0, np.inf, open_below=True)
         for name in ("process_noise", "late_window", "rate_spread", "prune_weight", "merge_distance"):
             self._number(name, 0.0, np.inf)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -18,24 +17,15 @@ from estimation.checks import FloatArray
 from tracking.people.people_sweep import Sweep
 
 NOBODY: FloatArray = np.zeros((0, 2))
-
-
-@dataclass(frozen=True)
-class GridTuning:
-    """cell : edge, m. reach : around the sensor, m. delay : before a scan counts, s. memory : of the counts, s."""
-
-    cell: float = 0.1
-    reach: float = 15.0
-    delay: float = 1.0
-    memory: float = 20.0
+CELL, REACH = 0.1, 15.0  # m, edge of a cell, and how far the grid reaches around the sensor
+DELAY, MEMORY = 1.0, 20.0  # s, before a scan counts, and of the counts
 
 
 class Background:
     """Counts of empty and occupied per cell of a torus around the sensor, in the frame of the poses."""
 
-    def __init__(self, tuning: GridTuning | None = None) -> None:
-        self.tuning = tuning or GridTuning()
-        size = 1 << math.ceil(math.log2(2.0 * self.tuning.reach / self.tuning.cell + 2))
+    def __init__(self) -> None:
+        size = 1 << math.ceil(math.log2(2.0 * REACH / CELL + 2))
         self.size = size
         self.counts = np.zeros((size, size, 2), dtype=np.float32)
         self.owner = np.full((size, size), np.iinfo(np.int64).min, dtype=np.int64)
@@ -65,23 +55,23 @@ class Background:
         people (T, 2) : m, where they are now. Beams that have waited and end less than `near` m from one of them are
         taken for his: who stands was there before it was known that he is somebody.
         """
-        hits = np.where(ignore | (sweep.ranges >= self.tuning.reach), 0.0, 1.0)
+        hits = np.where(ignore | (sweep.ranges >= REACH), 0.0, 1.0)
         ways = np.cos(sweep.angles), np.sin(sweep.angles)
-        clear = np.minimum(sweep.clear, 2.0 * self.tuning.reach)
+        clear = np.minimum(sweep.clear, 2.0 * REACH)
         rays = np.column_stack((sweep.origins, *ways, clear, hits))[clear > 0.0]
         self._waiting.append((stamp, rays))
-        while self._waiting and self._waiting[0][0] <= stamp - self.tuning.delay:
+        while self._waiting and self._waiting[0][0] <= stamp - DELAY:
             then, old = self._waiting.popleft()
             ends = old[:, :2] + old[:, 4:5] * old[:, 2:4]
             gaps = np.linalg.norm(ends[:, None] - people[None], axis=2)
             old[gaps.min(axis=1, initial=np.inf) < near, 5] = 0.0
             dt = 0.1 if self._last is None else min(max(then - self._last, 0.0), 1.0)
             self._last = then
-            keep = math.exp(-dt / self.tuning.memory)
+            keep = math.exp(-dt / MEMORY)
             self._scans += 1
             self.forgot = False
             grid = self.counts, self.owner, self.seen
-            _insert(*grid, self._scans, old, self.tuning.cell, self.tuning.reach, keep)
+            _insert(*grid, self._scans, old, CELL, REACH, keep)
 
     def evidence(self, points: FloatArray, away: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """How surely each point (M, 2) lies where it was empty, where something stood, and where nobody has looked.
@@ -89,7 +79,7 @@ class Background:
         away : (M,) metres from the scanner, the farther the less well a place is known. All (M,) in [0, 1].
         """
         slack = 0.05 + 0.02 * away
-        return _evidence(self.counts, self.owner, points, slack, self.tuning.cell)
+        return _evidence(self.counts, self.owner, points, slack, CELL)
 
 
 @njit(cache=True)

@@ -20,23 +20,9 @@ from registration.laser.scan import Scan
 IntArray = npt.NDArray[np.int64]
 
 FEATURES = (
-    "count",
-    "width",
-    "filled",
-    "depth",
-    "slimness",
-    "bulge",
-    "circle_radius",
-    "circle_error",
-    "roughness",
-    "length_share",
-    "jump_left",
-    "jump_right",
-    "jump_least",
-    "jump_most",
-    "partner_gap",
-    "partner_width",
-)
+    "count", "width", "filled", "depth", "slimness", "bulge", "circle_radius", "circle_error", "roughness",
+    "length_share", "jump_left", "jump_right", "jump_least", "jump_most", "partner_gap", "partner_width",
+)  # fmt: skip
 FAR = 3.0  # metres, cap of jumps and gaps
 
 

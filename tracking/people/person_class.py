@@ -30,45 +30,16 @@ MODEL = "person_class.json"
 CARD = "person_class_card.json"
 # Of every look, averaged over the time a target was seen: what its clusters are like, and where they are.
 AVERAGED = (
-    "shape",
-    "pairs",
-    "width",
-    "free",
-    "cut",
-    "fresh",
-    "old",
-    "around",
-    "sway",
-    "bulge",
-    "radius",
-    "circle_error",
-    "slimness",
-    "roughness",
-    "filled",
-    "depth",
-)
+    "shape", "pairs", "width", "free", "cut", "fresh", "old", "around", "sway", "bulge", "radius",
+    "circle_error", "slimness", "roughness", "filled", "depth",
+)  # fmt: skip
 # How much some of them vary, m or nat; `jitter` : of the place.
 VARYING = ("width_deviation", "shape_deviation", "gap", "gap_deviation", "jitter")
 # The course: how long it was looked at, how its shape changed, whether it arrived, how it moved.
 COURSE = (
-    "looks",
-    "shape_now",
-    "shape_best",
-    "shape_worst",
-    "pair_now",
-    "fresh_now",
-    "arrived",
-    "stood",
-    "speed",
-    "drift",
-    "away",
-    "moved",
-    "moved_fast",
-    "walked",
-    "turned",
-    "posed",
-    "carried",
-)
+    "looks", "shape_now", "shape_best", "shape_worst", "pair_now", "fresh_now", "arrived", "stood",
+    "speed", "drift", "away", "moved", "moved_fast", "walked", "turned", "posed", "carried",
+)  # fmt: skip
 NAMES = (*AVERAGED, *VARYING, *COURSE)
 SHAPE, WIDTH = AVERAGED.index("shape"), AVERAGED.index("width")
 FIRST = 0.5  # s in which it shows whether something stands where it was empty before

@@ -16,7 +16,7 @@ from registration.laser.scan import Scan
 from tracking.mixture.phd_config import FILTERS, Birth, PhdConfig
 from tracking.mixture.target import Target
 from tracking.people.cluster_model import WIDEST
-from tracking.people.free_space import Background
+from tracking.people.free_space import DELAY, Background
 from tracking.people.legs import clusters_of
 from tracking.people.people_config import PeopleConfig
 from tracking.people.people_sweep import Sweep
@@ -112,7 +112,7 @@ class PointsTracker:
         self._began = stamp if self._began is None else self._began
         self.background.add(sweep, stamp, self._of_targets(sweep))
         self._stamp, self._pose = float(stamp), place
-        if stamp - self._began <= self.background.tuning.delay:
+        if stamp - self._began <= DELAY:
             # Until a scan has become background, all that stands would be a target.
             points = np.zeros((0, 2))
         self.filter.config.births = self._births(scan, place)

@@ -7,14 +7,7 @@ from numba import njit
 
 from estimation.checks import FloatArray
 from tracking.mixture.components import IntArray
-
-
-@njit(cache=True)
-def _find(parent: IntArray, i: int) -> int:
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
+from tracking.mixture.hypothesis_kernels import root_of
 
 
 @njit(cache=True)
@@ -30,7 +23,7 @@ def single_linkage(count: int, first: IntArray, second: IntArray) -> tuple[IntAr
     joined = np.empty(max(count - 1, 0), np.int64)
     total = 0
     for k in range(len(first)):
-        a, b = _find(parent, first[k]), _find(parent, second[k])
+        a, b = root_of(parent, first[k]), root_of(parent, second[k])
         if a == b:
             continue
         merges[total, 0], merges[total, 1] = node[a], node[b]

@@ -12,6 +12,7 @@ from scipy.special import chdtri
 
 from estimation.checks import FloatArray
 from tracking.mixture.components import IntArray
+from tracking.mixture.hypothesis_kernels import squares
 from tracking.mixture.phd_config import PhdConfig
 from tracking.phd.partition_kernels import assign_to_targets, k_means
 from tracking.phd.partitions import Choice, PartitionBuilder, PredictedTargets
@@ -35,7 +36,9 @@ class Subpartitions:
     def gate(self, points: FloatArray, targets: PredictedTargets) -> npt.NDArray[np.bool_]:
         """Which returns (K, N) each target may have caused."""
         S = targets.covariances + self.variance * np.eye(2)
-        return np.asarray(_squares(points, targets.means, S) < self.gate_square)
+        return np.asarray(
+            squares(points, targets.means, S[:, 0, 0], S[:, 0, 1], S[:, 1, 1]) < self.gate_square
+        )
 
     def choices(
         self,
@@ -111,9 +114,3 @@ class Subpartitions:
 def _nearest(squares: FloatArray) -> FloatArray:
     """Squared distances less the smallest of each row, so that no row of likelihoods underflows."""
     return squares - squares.min(1, keepdims=True)
-
-
-def _squares(points: FloatArray, means: FloatArray, S: FloatArray) -> FloatArray:
-    """Squared Mahalanobis distances (K, N)."""
-    offsets = points[None] - means[:, None]
-    return np.asarray(np.einsum("kni,kij,knj->kn", offsets, np.linalg.inv(S), offsets))

@@ -8,21 +8,6 @@ from whereabouts.simulation.rooms import corridor, random_floor, random_room
 from whereabouts.simulation.shapes import Shapes, box, circle, joined, polygon
 
 __all__ = [
-    "Drive",
-    "Lidar",
-    "Mover",
-    "Shapes",
-    "SimulatedScan",
-    "Wheels",
-    "box",
-    "cast",
-    "circle",
-    "corridor",
-    "crowd",
-    "joined",
-    "outlines",
-    "polygon",
-    "random_floor",
-    "random_mover",
-    "random_room",
-]
+    "Drive", "Lidar", "Mover", "Shapes", "SimulatedScan", "Wheels", "box", "cast", "circle", "corridor",
+    "crowd", "joined", "outlines", "polygon", "random_floor", "random_mover", "random_room",
+]  # fmt: skip

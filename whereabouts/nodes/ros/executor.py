@@ -27,14 +27,8 @@ AT_ONCE = 200
 # What a wait set has room for, in this order.
 ENTITIES = ("subscription", "guard_condition", "timer", "client", "service", "event")
 NEEDED = (
-    "_guard",
-    "_sigint_gc",
-    "_tasks",
-    "_tasks_lock",
-    "_take_subscription",
-    "_take_timer",
-    "_take_waitable",
-)
+    "_guard", "_sigint_gc", "_tasks", "_tasks_lock", "_take_subscription", "_take_timer", "_take_waitable",
+)  # fmt: skip
 
 
 class _Kind:
