@@ -19,7 +19,8 @@ from tracking.mixture.components import Components, IntArray
 from tracking.mixture.global_hypotheses import Hypotheses
 from tracking.mixture.hypothesis_kernels import single_linkage
 from tracking.mixture.phd_models import ConstantVelocityMotion, Labels
-from tracking.mixture.pmbm import PmbmRecursion, ReturnLooks
+from tracking.mixture.pmbm import PmbmRecursion
+from tracking.mixture.sources import ReturnLooks
 
 BIRTHS = [(0.1, [0.0, 0.0, 0.0, 0.0], np.diag([400.0, 400.0, 25.0, 25.0]))]
 

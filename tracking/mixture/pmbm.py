@@ -9,8 +9,6 @@ target once however improbable the detection was: the number of targets neither 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtri
@@ -20,10 +18,11 @@ from tracking.mixture import association_kernels as kernels
 from tracking.mixture.components import Components, IntArray, shift_components
 from tracking.mixture.correction_kernels import Exactness, States, correct
 from tracking.mixture.global_hypotheses import Alternative, Hypotheses
-from tracking.mixture.hypothesis_kernels import connected, single_linkage, squares
+from tracking.mixture.hypothesis_kernels import connected, squares
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import ConstantVelocityMotion, Detection, Labels, Sight, detect
 from tracking.mixture.reduction import Reducer, sound
+from tracking.mixture.sources import Predicted, ReturnLooks, Seeds, narrow_places, seeds_among
 from tracking.mixture.target import HypothesisExtractor, Target
 
 # Sweeps of the association; they settle in three or four.
@@ -36,57 +35,8 @@ MOST_WORK = 3_000_000
 # Undiscovered targets: weights below this are forgotten, more components than this are merged.
 LEAST_UNSEEN = 1e-4
 MOST_UNSEEN = 50
-# A place for new targets is narrow where its spread is within this many times that of a target's returns.
-NARROW = 3.0
-# Seeds for new targets per group of returns at most.
-MOST_SEEDS = 8
 
 State = tuple[Hypotheses, Components, int, dict[int, float]]
-
-
-@dataclass(frozen=True)
-class ReturnLooks:
-    """What is known of N returns beside their places; see `tracking.mixture.association_kernels` on looks and classes.
-
-    log_clutter (N,) : of the density of clutter there. log_births (N,) : of that of new targets, per scan and m², and
-    birth_class (N,) the probability that one is of the first class. look (N,) : log-likelihood ratio of the classes.
-    exactness (N,) : by how much the variance of a return is smaller than usual, if it is all there is of a target.
-    """
-
-    log_clutter: FloatArray
-    log_births: FloatArray
-    birth_class: FloatArray
-    look: FloatArray
-    exactness: FloatArray
-
-
-@dataclass
-class Seeds:
-    """Where new targets are looked for: places (B, 2), rows of sources, and their rows (B, 13) of the table."""
-
-    places: FloatArray
-    rows: list[int]
-    table: FloatArray
-
-
-@dataclass
-class Predicted:
-    """All sources of returns: tracks, places for new targets, and what splits off tracks, with their table (S, 13)."""
-
-    sources: Components
-    tracks: int
-    births: int
-    table: FloatArray
-    seen: FloatArray
-    sight: Sight
-    gated: npt.NDArray[np.bool_]
-
-    def spawn_rows(self, rows: tuple[int, ...]) -> list[int]:
-        """Two rows for what may split off each track, none where nothing does."""
-        first = self.tracks + self.births
-        if first == len(self.sources):
-            return []
-        return [first + row for row in rows for _ in range(2)]
 
 
 class Updates:
@@ -274,7 +224,7 @@ class PmbmRecursion:
         points = np.ascontiguousarray(returns[:, :2])
         tracks, births = predicted.tracks, predicted.births
         names, label = np.unique(predicted.sources.labels[:tracks], return_inverse=True)
-        narrow = self._narrow(predicted)
+        narrow = narrow_places(predicted, self.config.measurement_noise)
         gated = predicted.gated
         parent = connected(
             gated[:tracks], label, len(names), gated[tracks : tracks + births], narrow, points, self.link
@@ -296,70 +246,10 @@ class PmbmRecursion:
         for where in [*groups, *(where for where in inside if where not in groups)]:
             alternatives = groups.get(where, [(0.0, ())])
             members = inside.get(where, nothing)
-            seeds = self._seeds(predicted, points, members, narrow, looks)
+            seeds = seeds_among(predicted, points, members, narrow, self.link, looks)
             if where in groups or seeds.rows:
                 self._group(predicted, returns[members], alternatives, seeds, updates)
         return updates
-
-    def _narrow(self, predicted: Predicted) -> npt.NDArray[np.bool_]:
-        """Which places for new targets (B,) are about as small as a target's own returns."""
-        P = predicted.sources.covariances[predicted.tracks : predicted.tracks + predicted.births]
-        largest = np.maximum(P[:, 0, 0], P[:, 1, 1])
-        narrow: npt.NDArray[np.bool_] = largest <= (NARROW * self.config.measurement_noise) ** 2
-        return narrow
-
-    def _seeds(
-        self,
-        predicted: Predicted,
-        points: FloatArray,
-        members: IntArray,
-        narrow: npt.NDArray[np.bool_],
-        looks: ReturnLooks | None,
-    ) -> Seeds:
-        """Where new targets may be looked for among some returns."""
-        tracks = predicted.tracks
-        gated = predicted.gated[tracks:][:, members]
-        if not gated.any():
-            return Seeds(np.zeros((0, 2)), [], np.zeros((0, kernels.COLUMNS)))
-        near = np.flatnonzero(gated.any(1))
-        rows = [tracks + b for b in near[narrow[near]].tolist()]
-        places = [predicted.sources.means[row, :2] for row in rows]
-        values = [predicted.table[row] for row in rows]
-        wide = near[~narrow[near]]
-        if len(wide):
-            table = predicted.table[tracks + wide]
-            size = table[:, kernels.PXX] * table[:, kernels.PYY] - table[:, kernels.PXY] ** 2
-            whose = members[gated[wide].any(0)]
-            clusters = self._clusters(points[whose])[: max(MOST_SEEDS - len(rows), 0)]
-            centres = np.array([centre for centre, _ in clusters]).reshape(-1, 2)
-            square = (centres[:, :1] - table[:, kernels.MX]) ** 2 / table[:, kernels.PXX]
-            square += (centres[:, 1:] - table[:, kernels.MY]) ** 2 / table[:, kernels.PYY]
-            density = -kernels.LOG_TWO_PI - 0.5 * (square + np.log(size))
-            likeliest = (table[:, kernels.ON] + density).argmax(1).tolist()
-            for c, ((centre, near_it), best) in enumerate(zip(clusters, likeliest, strict=True)):
-                value = table[best].copy()
-                if looks is not None:
-                    value[kernels.ON] = looks.log_births[whose[near_it]].max() - density[c, best]
-                    value[kernels.CLASS] = looks.birth_class[whose[near_it]].max()
-                rows.append(int(tracks + wide[best]))
-                places.append(centre)
-                values.append(value)
-        return Seeds(np.array(places[:MOST_SEEDS]), rows[:MOST_SEEDS], np.array(values[:MOST_SEEDS]))
-
-    def _clusters(self, points: FloatArray) -> list[tuple[FloatArray, npt.NDArray[np.bool_]]]:
-        """Centres of clusters of returns, and which are theirs, at two distances, the largest clusters first."""
-        if len(points) == 1:
-            return [(points[0], np.ones(1, dtype=bool))]
-        wide, close = single_linkage(points, self.link), single_linkage(points, 0.5 * self.link)
-        whole, part = np.bincount(wide), np.bincount(close)
-        # What does not fall apart at the smaller distance is one and the same cluster.
-        first = np.unique(close, return_index=True)[1]
-        parts = np.flatnonzero(part < whole[wide[first]])
-        inside = np.concatenate((wide == np.arange(len(whole))[:, None], close == parts[:, None]))
-        sizes = np.concatenate((whole, part[parts]))
-        chosen = np.argsort(-sizes, kind="stable")
-        centres = (inside @ points) / sizes[:, None]
-        return [(centres[k], inside[k]) for k in chosen.tolist()]
 
     def _group(
         self,

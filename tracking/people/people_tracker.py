@@ -25,7 +25,8 @@ from registration.laser.scan import Scan
 from tracking.mixture.components import IntArray
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import Detection
-from tracking.mixture.pmbm import PmbmRecursion, ReturnLooks
+from tracking.mixture.pmbm import PmbmRecursion
+from tracking.mixture.sources import ReturnLooks
 from tracking.mixture.target import Target
 from tracking.people.cluster_model import KINDS, SHAPE, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people.free_space import Background
@@ -34,7 +35,7 @@ from tracking.people.legs import clusters_of
 from tracking.people.people_config import PeopleConfig
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
-from tracking.people.person_class import SHORT, ClassEvidence, ClassModel, class_model, rows_of
+from tracking.people.person_class import SHORT, ClassEvidence, ClassModel, ScanView, class_model, rows_of
 
 PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
@@ -187,14 +188,7 @@ class PeopleTracker:
         reach = self.config.max_range
         spread = np.diag([reach**2, reach**2, SPEED**2, SPEED**2])
         self._phd.births = [(1.0, np.array([*place[:2], 0.0, 0.0]), spread)]
-        looks = ReturnLooks(
-            seen.log_clutter,
-            seen.log_births + math.log(max(dt, 1e-3) / PERIOD),
-            seen.birth_class,
-            np.clip(seen.shape, -SHAPE, SHAPE),
-            np.where(seen.widths > WIDE, EXACTER, 1.0),
-        )
-        self.recursion.update(seen.places, dt, place, looks)
+        self.recursion.update(seen.places, dt, place, _looks(seen, dt))
         self.stamp, self._pose = float(stamp), place
         found = self.recursion.targets()
         gone = self._unite(found, dt)
@@ -313,7 +307,8 @@ class PeopleTracker:
             len(found), len(seen.places)
         )
         nearest = gaps.argmin(0) if len(found) else np.zeros(len(seen.places), dtype=int)
-        stamp, posed, rows = float(self.stamp or 0.0), self._held >= HELD, rows_of(seen)
+        stamp = float(self.stamp or 0.0)
+        view = ScanView(seen, rows_of(seen), pose, dt, stamp, self._held >= HELD)
         nearer = nearest == np.arange(len(found))[:, None]
         around = ((gaps < 1.5) & ~nearer).sum(1).tolist()
         mine = [row.nonzero()[0] for row in nearer & (gaps < BELONGS)]
@@ -322,7 +317,7 @@ class PeopleTracker:
             evidence = self.evidence.get(target.label)
             if evidence is None:
                 evidence = self.evidence[target.label] = self._newcomer(target.mean[:2], whose, seen)
-            evidence.look(seen, rows, whose, target, pose, others, dt, stamp, posed)
+            evidence.look(view, whose, target, others)
         self.evidence = {label: item for label, item in self.evidence.items() if label in living}
         odds = self.classes.odds([self.evidence[target.label].features(target) for target in found])
         for target, own in zip(found, expit(odds).tolist(), strict=True):
@@ -374,6 +369,17 @@ class PeopleTracker:
 
     def _people(self) -> list[Person]:
         return [target for target in self.targets if target.person > self.config.report]
+
+
+def _looks(seen: ClusterScan, dt: float) -> ReturnLooks:
+    """What is known of the clusters of a scan, `dt` seconds after the last, beside their places."""
+    return ReturnLooks(
+        seen.log_clutter,
+        seen.log_births + math.log(max(dt, 1e-3) / PERIOD),
+        seen.birth_class,
+        np.clip(seen.shape, -SHAPE, SHAPE),
+        np.where(seen.widths > WIDE, EXACTER, 1.0),
+    )
 
 
 def _fit(spots: FloatArray, seen: ClusterScan) -> float:

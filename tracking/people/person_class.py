@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -50,6 +50,18 @@ _CLUSTER = [
     FEATURES.index(name)
     for name in ("bulge", "circle_radius", "circle_error", "slimness", "roughness", "filled", "depth")
 ]
+
+
+class ScanView(NamedTuple):
+    """A scan as looked at: clusters and what is averaged of each, (K, len(AVERAGED)) by `rows_of`; pose (3,) of the
+    scanner, whether it is known, stamp, and dt since the scan before, s."""
+
+    seen: ClusterScan
+    rows: FloatArray
+    pose: FloatArray
+    dt: float
+    stamp: float
+    posed: bool
 
 
 @dataclass
@@ -96,26 +108,13 @@ class ClassEvidence:
     carried: float = 0.0
     first_pose: FloatArray | None = None
 
-    def look(
-        self,
-        seen: ClusterScan,
-        rows: FloatArray,
-        whose: IntArray,
-        target: Target,
-        pose: FloatArray,
-        around: int,
-        dt: float,
-        stamp: float,
-        posed: bool = True,
-    ) -> None:
-        """Takes in a scan in which the clusters `whose` are the target's, taken from `pose` (3,); none: not seen.
-
-        rows (K, len(AVERAGED)) : of all clusters, by `rows_of`.
-        """
+    def look(self, view: ScanView, whose: IntArray, target: Target, around: int) -> None:
+        """Takes in a scan in which the clusters `whose` are the target's, none: not seen, and `around` others near."""
         if not len(whose):
             return
-        self.last_seen = stamp
-        dt = min(max(dt, 1e-3), 0.5)
+        seen, rows = view.seen, view.rows
+        self.last_seen = view.stamp
+        dt = min(max(view.dt, 1e-3), 0.5)
         if self.looks == 0.0:
             self.behind = target.mean[:2].copy()
         places, one = seen.places[whose], len(whose) == 1
@@ -128,7 +127,7 @@ class ClassEvidence:
         shape, width, fresh, old = float(row[0]), float(row[2]), float(row[5]), float(row[6])
         whole = dt / (self.looks + dt)
         self.means += whole * (row - self.means)
-        self.posed += whole * (float(posed) - self.posed)
+        self.posed += whole * (float(view.posed) - self.posed)
         self.squares[0] += whole * (width * width - self.squares[0])
         self.squares[1] += whole * (shape * shape - self.squares[1])
         mx, my = px - float(self.origin[0]), py - float(self.origin[1])
@@ -151,11 +150,11 @@ class ClassEvidence:
         if self.looks > SHORT:
             self.best, self.worst = max(self.best, self.now), min(self.worst, self.now)
         self._moved(x, y, fresh, dt)
-        at = pose.tolist()
+        at = view.pose.tolist()
         self._carried_by(at, x, y)
-        view = math.atan2(at[1] - y, at[0] - x)
-        if not self.views or abs((view - self.views[-1] + math.pi) % (2.0 * math.pi) - math.pi) > 0.1:
-            self.views.append(view)
+        side = math.atan2(at[1] - y, at[0] - x)
+        if not self.views or abs((side - self.views[-1] + math.pi) % (2.0 * math.pi) - math.pi) > 0.1:
+            self.views.append(side)
 
     def shift(self, motion: FloatArray) -> None:
         """Takes what was seen along with its frame, which moved by (3,) x, y, yaw."""
