@@ -22,7 +22,7 @@ from evaluation.chaos.network import Link
 from evaluation.chaos.times import FAR
 from whereabouts.node_names import NODES
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts.nodes.ros.private_node import leave
+from whereabouts.nodes.ros.executor import leave
 from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError
 from whereabouts_msgs.msg import WorldEvidence
 

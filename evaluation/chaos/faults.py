@@ -21,7 +21,7 @@ from evaluation.chaos.network import Link
 from whereabouts.node_interfaces import NODE_INTERFACES
 from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.ros.private_node import private_node
+from whereabouts.nodes.ros.executor import private_node
 from whereabouts.nodes.ros.qos import HEARD_LATCHED, LATCHED
 from whereabouts.nodes.runtime.supervisor import NodeSpec, Supervisor
 from whereabouts_msgs.msg import Attribute, DiscreteDistribution, ObjectEvidence, WorldEvidence, WorldState

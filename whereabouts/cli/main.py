@@ -14,17 +14,13 @@ from whereabouts.cli.ask import ask
 from whereabouts.cli.common import option
 from whereabouts.cli.console import console
 from whereabouts.cli.convert import convert
-from whereabouts.cli.doctor import doctor
 from whereabouts.cli.mcp import mcp
-from whereabouts.cli.merge import merge
 from whereabouts.cli.odometry import odometry
-from whereabouts.cli.parameters import parameters
+from whereabouts.cli.robot import doctor, parameters, security, setup
 from whereabouts.cli.run import run
-from whereabouts.cli.security import security
 from whereabouts.cli.segment import segment
-from whereabouts.cli.setup import setup
 from whereabouts.cli.short import find, forget, load_map, save_map
-from whereabouts.cli.slam import slam
+from whereabouts.cli.slam import merge, slam
 from whereabouts.cli.track import track
 from whereabouts.cli.view import view
 from whereabouts.cli.world import world

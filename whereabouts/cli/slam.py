@@ -1,4 +1,4 @@
-"""`whereabouts slam`: a recorded log with its loops closed, or found in a saved map; without ROS."""
+"""`whereabouts slam`: a log with its loops closed, or found in a saved map; `whereabouts merge`: two maps as one."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from whereabouts.cli.common import (
     TopicToUse,
     TumFile,
     WithWheels,
+    argument,
     file_to_write,
     option,
     reading,
@@ -187,3 +188,31 @@ def _pose(text: str):  # type: ignore[no-untyped-def]
     if pose.shape != (3,) or not np.isfinite(pose).all():
         raise typer.BadParameter(f"--initial: three numbers X,Y,YAW expected, got {text!r}")
     return pose
+
+
+def merge(
+    first: Annotated[Path, argument("FIRST.npz", "A saved map; its frame stays.")],
+    second: Annotated[Path, argument("SECOND.npz", "A map of another session that overlaps it.")],
+    map_file: Annotated[
+        Path,
+        file_to_write(
+            "--map",
+            "M.png",
+            "Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
+        ),
+    ],
+) -> None:
+    """Merge two saved maps: the second is found in the first without a guess, and both close loops with each other."""
+    from loop_closure.maps.map_file import read_map
+    from loop_closure.maps.merging import merge as joined
+    from whereabouts.recorded.mapping import write_map_files
+
+    slam, other = read_map(first), read_map(second)
+    known, added = len(slam.keyframes), len(other.keyframes)
+    found = joined(slam, other)
+    write_map_files(slam, map_file, lambda text: typer.echo(text, err=True))
+    closures = sum(edge.closure for edge in slam.graph.edges)
+    typer.echo(
+        f"{known} and {counted(added, 'keyframe')}, found at keyframe {found} of the second, "
+        f"{counted(closures, 'closure')}; written to {map_file.with_suffix('.npz')}"
+    )

@@ -15,7 +15,7 @@ from std_msgs.msg import Bool
 from whereabouts.logs import RawMessage
 from whereabouts.nodes.live.searching import ACTION, Search, Searches
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts.nodes.ros.private_node import private_node
+from whereabouts.nodes.ros.executor import private_node
 from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.nodes.ros.turns import goals_name, mark_of, results_name
 from whereabouts_msgs.action import FindObject

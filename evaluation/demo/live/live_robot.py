@@ -29,7 +29,7 @@ from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.world_reading import grid_from_message, pose_stamped
 from whereabouts.nodes.navigation.goals import ACTION as NAVIGATE
 from whereabouts.nodes.navigation.goals import Navigator, navigate_type
-from whereabouts.nodes.ros.private_node import private_node
+from whereabouts.nodes.ros.executor import private_node
 from whereabouts.nodes.ros.qos import EVENTS, HEARD_LATCHED, LATCHED
 from whereabouts.nodes.ros.turns import goals_name
 from whereabouts.recorded.evidence_messages import NOT_FOUND

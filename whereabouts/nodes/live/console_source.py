@@ -20,7 +20,7 @@ from whereabouts.messages.cdr import UnreadableTypeError, reader
 from whereabouts.nodes.live.live_actions import goal_for
 from whereabouts.nodes.live.searching import Search, Searches
 from whereabouts.nodes.messages.message_types import definition, message_class
-from whereabouts.nodes.ros.private_node import leave, private_node
+from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.qos import LATCHED, best_effort
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import SaveMap

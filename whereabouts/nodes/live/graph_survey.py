@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from whereabouts.logs import Qos
 from whereabouts.messages.decode import UnusableMessageError
 from whereabouts.nodes.messages.message_types import message_class
-from whereabouts.nodes.ros.private_node import leave, private_node
+from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.qos import TF_STATIC_QOS, best_effort
 from whereabouts.nodes.runtime.dead_ends import full_name
 from whereabouts.robot.bags import look_at_message

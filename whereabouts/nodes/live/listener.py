@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 
 from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
-from whereabouts.nodes.ros.private_node import leave, private_node
+from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.qos import best_effort, reliable
 from whereabouts.system.interrupts import interrupts_kept
 

@@ -14,7 +14,7 @@ from rcl_interfaces.srv import GetParameters
 from estimation.errors import WhereaboutsError
 from estimation.geometry.places import Places
 from whereabouts.messages.world_objects import state_from_message
-from whereabouts.nodes.ros.private_node import leave, private_node
+from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.nodes.runtime.suite_run import prepare_environment
 from whereabouts.system.interrupts import interrupts_kept

@@ -14,9 +14,9 @@ from typing import Any
 from lifecycle_msgs.msg import State
 
 from whereabouts.logs import McapWriter, RawMessage
+from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.footprint import PROFILES
 from whereabouts.nodes.ros.host import Host
-from whereabouts.nodes.ros.private_node import leave, private_node
 from whereabouts.nodes.runtime.bring_up import LifecycleClient
 from whereabouts.nodes.runtime.domain import free_domain
 from whereabouts.nodes.runtime.recorder import Recorder
