@@ -13,7 +13,7 @@ from world_model.anchoring.loops.leaves import MOVING, IntArray, Leaves
 from world_model.anchoring.loops.look import Look
 from world_model.evidence import SensorCone
 
-TOUCHING = 16.0
+TOUCHING = 12.0
 """Distance, in standard deviations of a detection, within which two movers may be detected as one."""
 
 
