@@ -10,6 +10,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.geometry.places import Place
 from estimation.geometry.polygons import outline_distance
+from world_model.memory.stays import AWAY
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed
 from world_model.questions.moments import Span, When
 from world_model.questions.naming import (
@@ -36,7 +37,6 @@ from world_model.state import DAY, PERSON
 BESIDE = 1.0  # m: who is that close to a piece of furniture is at it
 NOW = 300.0  # s: who was seen within it is taken to be there
 AROUND_MOVE = 30.0  # s before and after a move in which somebody who was there may have moved it
-PAUSE = 900.0  # s: who is back within it has not been away
 
 
 @dataclass(frozen=True)
@@ -225,5 +225,5 @@ def _at(place: Place, positions: FloatArray) -> Any:
 
 def _joined(name: str, stamps: FloatArray) -> list[Visit]:
     """Visits of a person who was seen at these stamps (N,)."""
-    runs = np.split(stamps, np.flatnonzero(np.diff(stamps) > PAUSE) + 1)
+    runs = np.split(stamps, np.flatnonzero(np.diff(stamps) > AWAY) + 1)
     return [Visit(name, float(run[0]), float(run[-1])) for run in runs if len(run)]

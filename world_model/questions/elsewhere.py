@@ -18,7 +18,6 @@ from world_model.state import BELIEVED, DAY, PERSON, most_probable
 
 WEEKS = 28 * DAY  # s: of the history that says where things go
 OUT = 2.0 * FOUND_AFTER  # s: what was found no sooner was out of the house, as far as anybody could tell
-HOURS = 1.0  # Deviation of the time of day at which something does the same again
 ANY_HOUR, ANY_PLACE = 0.05, 0.3  # What counts a move at another time of day, and one from another place
 PRIOR_PLACES, PRIOR_OUT = 0.35, 0.15  # What is taken to be known of where anything goes, in moves
 SHORTEST, LONGEST = 120.0, 6 * 3600.0  # s: of a round of looks
@@ -87,7 +86,8 @@ def _same_hour(then: float, stamp: float) -> float:
     """Weight of a moment by its time of day, local time."""
     first, second = (at.hour + at.minute / 60 for at in map(datetime.fromtimestamp, (then, stamp)))
     apart = abs(first - second)
-    return ANY_HOUR + math.exp(-0.5 * (min(apart, 24 - apart) / HOURS) ** 2)
+    # It does the same again an hour, one deviation, sooner or later.
+    return ANY_HOUR + math.exp(-0.5 * min(apart, 24 - apart) ** 2)
 
 
 def _looks(world: Recall) -> tuple[float, dict[str, float]]:

@@ -19,13 +19,12 @@ from world_model.questions.naming import (
     place_named,
     spoken,
 )
-from world_model.questions.recall import LATELY, Recall, Trust
+from world_model.questions.recall import LATELY, WEEK, Recall, Trust
 from world_model.questions.where import evidence_of, within
 from world_model.state import DAY, PERSON
 
-WEEK = 7 * DAY
 MANY = 100  # Stays, of which no more are read where no time is given
-CONFIRMED = 60.0  # s: what was seen for less may have been a false detection, and is not missed
+CONFIRMED = 60.0  # s: what was seen for less may have been a false detection; of less a sentence says nothing
 
 
 @dataclass(frozen=True)
@@ -223,7 +222,7 @@ def _how_long(world: Recall, name: str, place: str) -> Answer:
         return long(said, Trust.SEEN, now, None, last.since, now)
     came, earliest = stays[-1].since, stays[-1].came_after
     probability = Trust.SEEN * line.at(now)[0].get(last.place, 0.5)
-    unsure = math.isfinite(earliest) and came - earliest > 60.0
+    unsure = math.isfinite(earliest) and came - earliest > CONFIRMED
     more = f" (at most {duration(came - earliest)} longer)" if unsure else ""
     has = "has been" if probability >= Trust.NOT_SEEN else "has probably been"
     since = f"{duration(now - came)}{more}, since {clock(came)}, {told(probability)}"
@@ -292,7 +291,7 @@ def told_change(world: Recall, change: Change) -> str:
     if change.came is None:
         return f"{name} is no longer {spoken(world, change.left)}; it went by {clock(change.end)}"
     between = f"at {clock(change.end)}"
-    if change.end - change.start >= 60.0:
+    if change.end - change.start >= CONFIRMED:
         between = Span(change.start, change.end).between
     if change.left_by is not None and change.end - change.left_by > AWAY:
         left = f"{name} left {_end(world, change.left)} by {clock(change.left_by)}"

@@ -32,7 +32,7 @@ LONGER = 8.0  # times as much it reads next
 RECENT = 60  # Objects of a class that ended last, among which doubles are looked for
 AROUND = 1.5 * DAY  # s: of the history that says where something was at a moment
 SAME = 0.93  # That what looks like something that went, and came since, is the same
-RETURNS = 7.0 * DAY  # s: what was away for longer is another one
+WEEK = 7.0 * DAY  # s: what was away for longer is another one
 
 
 class Trust:
@@ -339,7 +339,7 @@ def _followed(lives: list[Life]) -> dict[str, tuple[str, float]]:
     links: dict[str, tuple[str, float]] = {}
     open_ends: list[Life] = []
     for life in lives:
-        open_ends = [each for each in open_ends if life.first - each.last < RETURNS]
+        open_ends = [each for each in open_ends if life.first - each.last < WEEK]
         fitting = [
             each
             for each in open_ends
