@@ -18,7 +18,6 @@ class MaintenanceConfig:
     """Settings of `Maintenance`; each field's metadata has its unit, meaning and allowed range.
 
     class_thresholds : {class: nat} that replace the threshold.
-    verified_actions : names of actions before which their object is looked at (Table 3.1).
     """
 
     information_gain_threshold: float = setting(
@@ -51,7 +50,6 @@ class MaintenanceConfig:
     process_noise: float = setting(
         1e-4, "m²/s", "growth of the position's variance for objects that state none", 0.0, 1e3
     )
-    verified_actions: tuple[str, ...] = VERIFIED_ACTIONS
     class_thresholds: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
