@@ -23,7 +23,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, as_finite, as_vectors
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
-from world_model.state import WorldObject, WorldState
+from world_model.state import OUTCOMES, WorldObject, WorldState
 from world_model.tasks.looks import Looks, Sensor, looks_at
 from world_model.tasks.maintenance_config import VERIFIED_ACTIONS, MaintenanceConfig
 from world_model.tasks.maintenance_kernels import single_gains
@@ -32,7 +32,6 @@ from world_model.tasks.ways import Ways
 
 __all__ = ["Maintenance", "MaintenanceConfig", "Trigger", "VerificationTask"]
 
-OUTCOMES = ("found", "occluded", "not_found")
 INTERVAL = 1.96  # standard deviations to either side that hold 95 %
 
 
