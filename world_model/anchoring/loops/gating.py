@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from world_model.anchoring.loops.kernels import (
+    SETTLED_HITS,
     attribute_factor,
     class_of,
     clearance,
@@ -54,11 +55,12 @@ def touch(leaves, active, seen, spread, sensor, known, silent, motion, chosen, c
         if not silent and (lag <= 0.0 or not (moving or leaves.last[i] > stamp - lag)):
             view = 1.0
             if known:
-                # It must be surely inside: a wrong look would be repeated.
+                # What has settled must be surely inside: a wrong look would be repeated.
+                margin = 3.0 if leaves.hits[i] >= SETTLED_HITS else 1.5
                 inside = np.inf
                 for planar in (False, True):
                     inside = min(inside, clearance(x, sensor, planar))
-                view = min(max((inside - 3.0 * sigma - 0.01) / 0.05, 0.0), 1.0)
+                view = min(max((inside - margin * sigma - 0.01) / 0.05, 0.0), 1.0)
         # What may begin to move while it is looked for is found a little farther away.
         reach = 6.0 * sigma + (0.0 if moves else motion[row, 3] * min(dt, 0.5) * 3.0)
         near = False
