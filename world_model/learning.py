@@ -94,7 +94,7 @@ def _round(looks: Sequence[tuple[float, WorldEvidence]], config: WorldModelConfi
     seen = [hit for h in lasting for hit in h.seen]
     changes: dict[str, Any] = {}
     if len(seen) >= FEWEST_LOOKS:
-        changes["detection_probability"] = float(np.clip(np.mean(seen), 0.01, 0.999))
+        changes["detection_probability"] = _allowed("detection_probability", np.mean(seen))
         changes["missed_run_frames"] = _mean_run([h.seen for h in lasting])
     # Every lasting object was unnamed at its first detections, which were not clutter.
     unnamed = len(lasting) if config.clutter_per_frame > 1.0 else 0
@@ -104,11 +104,11 @@ def _round(looks: Sequence[tuple[float, WorldEvidence]], config: WorldModelConfi
         changes["new_objects_per_second"] = new / seconds
     changes["initial_objects"] = max(float(len(lasting) - new), 1.0)
     changes["sensor_bias"] = model.sensor_bias
-    changes["rate_hz"] = float(np.clip((len(looks) - 1) / seconds, 0.01, 1000.0))
+    changes["rate_hz"] = _allowed("rate_hz", (len(looks) - 1) / seconds)
     covariances = _covariances(lasting)
     if covariances:
         spread = np.mean([np.trace(P) / 3.0 for P in covariances.values()])
-        changes["measurement_sigma"] = float(np.clip(np.sqrt(spread), 1e-4, 100.0))
+        changes["measurement_sigma"] = _allowed("measurement_sigma", np.sqrt(spread))
     hits: defaultdict[str, Counter[bool]] = defaultdict(Counter)
     for history in lasting:
         hits[history.kind].update(history.seen)
@@ -133,10 +133,16 @@ def _until_last(seen: list[bool]) -> list[bool]:
     return seen[: last + 1]
 
 
+def _allowed(name: str, value: Any) -> float:
+    """A number within the range of a setting."""
+    about = WorldModelConfig.__dataclass_fields__[name].metadata
+    return float(np.clip(value, about["low"], about["high"]))
+
+
 def _mean_run(sequences: list[list[bool]]) -> float:
     """Mean length of the runs of misses, at least one look; each sequence ends with a hit."""
     runs = [sum(1 for _ in run) for seen in sequences for hit, run in itertools.groupby(seen) if not hit]
-    return float(np.clip(np.mean(runs), 1.0, 1e4)) if runs else 1.0
+    return _allowed("missed_run_frames", np.mean(runs)) if runs else 1.0
 
 
 def _covariances(histories: list[_History]) -> dict[str, FloatArray]:

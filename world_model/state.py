@@ -13,6 +13,7 @@ Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 DAY, HOUR = 86400.0, 3600.0  # s
 PERSON = "person"  # A class that moves by itself: it has no usual place
+OUTCOMES = ("found", "occluded", "not_found")  # Of a verification
 BELIEVED = 0.5  # Existence below which something is not told of as being there
 MOVED_ON = "moved_on"
 """Predicate of what nobody has seen for a while and has probably gone its way since: `place` says where it is now."""

@@ -21,12 +21,11 @@ from world_model.memory.household import SUFFIX, ByNow, Household
 from world_model.memory.store import Store
 from world_model.predictions import Behavior, checked_predictions
 from world_model.queries import LAST_SEEN, QueryAnswer, Request, Words, ask, last_seen, worlds_at
-from world_model.state import Box, WorldObject, WorldState
+from world_model.state import OUTCOMES, Box, WorldObject, WorldState
 from world_model.warm_up import warm_up
 
 # s that may have passed between two runs.
 BETWEEN_RUNS = 60.0
-OUTCOMES = ("found", "occluded", "not_found")
 
 
 def _moved(item: WorldObject, seconds: float) -> WorldObject:

@@ -10,7 +10,6 @@ from world_model.anchoring.loops.contacts import Movers, contacts, group_weight,
 from world_model.anchoring.loops.leaves import empty
 from world_model.anchoring.loops.look import Detections
 from world_model.anchoring.loops.walking import flow, walk
-from world_model.anchoring.touching import EDGES, Touching
 
 RATE, SIGMA, REACH = 30.0, 0.001, 0.008
 
@@ -158,21 +157,6 @@ def test_groups_hang_together() -> None:
     groups, count = touching_groups(touching)
     found = [tuple(int(i) for i in group if i >= 0) for group in groups[:count]]
     assert sorted(found) == [(0, 1), (0, 1, 2), (0, 1, 2, 3), (1, 2), (1, 2, 3), (2, 3)]
-
-
-@pytest.mark.parametrize("true", [5.0, 12.0, 25.0])
-def test_reach_is_learned(true: float) -> None:
-    """Pairs at all distances; those nearer than `true` standard deviations lose one of two detections."""
-    rng = np.random.default_rng(2)
-    touching = Touching(0.97)
-    for _ in range(600):
-        gap = float(rng.uniform(1.5, 50.0))
-        pair = {1: np.zeros(3), 2: np.array([gap, 0.0, 0.0])}
-        touching.watch(pair, {1, 2}, 1.0)
-        merged = gap < true
-        touching.watch({1: pair[1]} if merged else pair, {1, 2}, 1.0)
-    step = EDGES[1] / EDGES[0]
-    assert true / step <= touching.reach <= true * step
 
 
 def test_who_turns_at_a_wall_stays_the_same() -> None:

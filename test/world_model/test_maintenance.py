@@ -13,7 +13,7 @@ from estimation.geometry.grid import OccupancyGrid
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance, MaintenanceConfig, Trigger
-from world_model.tasks.maintenance_kernels import path_gain, shortest_way, single_gains, straight_gains
+from world_model.tasks.maintenance_kernels import path_gain, shortest_way, single_gains
 from world_model.tasks.maintenance_warm_up import warm_up
 
 CAMERA = Sensor("camera", 0.4, 2.0, 0.01 * np.eye(3))
@@ -100,7 +100,7 @@ def test_nothing_is_done_below_the_threshold_and_it_says_so() -> None:
 
 def test_after_warming_up_nothing_is_compiled() -> None:
     def compiled() -> list[int]:
-        return [len(kernel.signatures) for kernel in (path_gain, straight_gains, single_gains, shortest_way)]
+        return [len(kernel.signatures) for kernel in (path_gain, single_gains, shortest_way)]
 
     warm_up()
     before = compiled()
@@ -115,18 +115,13 @@ def test_after_warming_up_nothing_is_compiled() -> None:
     assert compiled() == before
 
 
-def test_thresholds_and_weights_hold_by_class() -> None:
+def test_thresholds_hold_by_class() -> None:
     cup, key = thing("cup-1", 4.0, 0.0), thing("key-1", -4.0, 0.0, attributes={"class": {"key": 1.0}})
     state = world(cup, key)
     strict = MaintenanceConfig(information_gain_threshold=0.5, tour=0.0, class_thresholds={"cup": 50.0})
     task = Maintenance(strict).next_task(state, np.zeros(3), [CAMERA])
     assert task is not None
     assert task.object_id == "key-1"
-    for weights, first in (({}, "cup-1"), ({"key": 2.0}, "key-1"), ({"cup": 0.1}, "key-1")):
-        config = MaintenanceConfig(information_gain_threshold=0.5, tour=0.0, class_weights=weights)
-        task = Maintenance(config).next_task(state, np.zeros(3), [CAMERA])
-        assert task is not None
-        assert task.object_id == first
     both = MaintenanceConfig(information_gain_threshold=0.5, class_thresholds={"cup": 50.0, "key": 50.0})
     assert Maintenance(both).next_task(state, np.zeros(3), [CAMERA]) is None
 

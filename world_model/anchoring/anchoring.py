@@ -48,7 +48,6 @@ class Anchoring:
     def reset(self) -> None:
         """Forget all anchors; the vocabulary stays."""
         self.anchors.reset()
-        self.association.touching.reset()
         self.calibration.reset()
         self._looks = 0
 
@@ -84,15 +83,11 @@ class Anchoring:
             look.matrix += anchors.quantities.log_factors(leaves, look.chosen, values, spreads)
         if not told:
             self.calibration.weigh(raw, look)
-        near = np.unique(leaves.track[look.chosen]).tolist()
         touched, owners = self.association.associate(look)
         if measures:
             leaves = anchors.leaves
             slots = np.flatnonzero(leaves.said >= 0)
             said = leaves.said[slots]
             anchors.quantities.learn(leaves, slots, values[said], spreads[said])
-        if self.association.merging:
-            best = {n: anchors.best_leaf(anchors.tracks[n]) for n in near if n in anchors.tracks}
-            self.association.touching.look(anchors.leaves, best, look)
         self.beliefs.show(touched)
         return owners

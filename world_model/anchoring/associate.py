@@ -22,7 +22,7 @@ from world_model.anchoring.loops.gating import touch, weigh
 from world_model.anchoring.loops.leaves import MOVING, REST, IntArray
 from world_model.anchoring.loops.look import Classes, Detections, Look
 from world_model.anchoring.occlusion import free, hide, restrict
-from world_model.anchoring.touching import Touching, sharing, touched_by
+from world_model.anchoring.touching import TOUCHING, sharing, touched_by
 from world_model.anchoring.unseen import sensor_array
 from world_model.evidence import Measurements
 
@@ -33,12 +33,11 @@ NOBODY = Movers(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, 
 
 
 class Association:
-    """touching : how near two movers are detected as one."""
+    """Acts on anchors with the detections of one look after the other."""
 
     def __init__(self, anchors: Anchors, bodies: Bodies) -> None:
         self.anchors = anchors
         self.bodies = bodies
-        self.touching = Touching(anchors.config.detection_probability)
 
     @property
     def merging(self) -> bool:
@@ -76,7 +75,8 @@ class Association:
         matrix, missing = np.empty((count, M)), np.empty((count, 2))
         weigh(leaves, chosen, clear, seen, self._classes, anchors.detector, matrix, missing)
         seen = self._with_origins(seen, measured, chosen, born, clutter)
-        reach = self.touching.metres(spread, anchors.config.measurement_sigma) if self.merging else 0.0
+        usual = float(np.median(spread)) if M else anchors.config.measurement_sigma
+        reach = TOUCHING * usual if self.merging else 0.0
         return Look(seen, born, gap, reach, chosen, clear, matrix, missing)
 
     def _with_origins(

@@ -213,9 +213,7 @@ def agreement(a: FloatArray, b: FloatArray, blocks: IntArray) -> FloatArray:
 def candidates(values: FloatArray) -> IntArray:
     """Indices of the few worth a hypothesis, the likeliest first."""
     order = np.argsort(-values, kind="stable")[:MOST_CANDIDATES]
-    if len(order) == 0:
-        return order
-    return order[values[order] > max(LEAST_ODDS, 0.02 * values[order[0]])]
+    return order[values[order] > LEAST_ODDS]
 
 
 def alternatives(

@@ -33,8 +33,6 @@ from world_model.calibration.sensor_bias import (
 from world_model.evidence import Measurements
 
 ROUNDS = 12
-SHAKEN = 3  # Times that what was found is tried to be left for something better
-SOME = 50  # Looks that are explained first, when those before come in later
 UNKNOWN = 25.0  # Squared Mahalanobis distance from which a detection is of nothing that is known
 
 
@@ -81,13 +79,9 @@ def residuals(data: Sightings, found: Explanation) -> FloatArray:
     )
 
 
-def assign(data: Sightings, found: Explanation, unsure: float = 0.0) -> IntArray:
-    """The object (N,) that explains each detection best, given all others of its look; -1 for none.
-
-    unsure : standard deviation, rad, of what is found of the error of bearing that a look shares, besides the part
-    that changes with every look.
-    """
-    spread = np.hypot(unsure, data.quick[:, 1])[data.look]
+def assign(data: Sightings, found: Explanation) -> IntArray:
+    """The object (N,) that explains each detection best, given all others of its look; -1 for none."""
+    spread = data.quick[data.look, 1]
     N, F, K = len(data.look), len(data.stamps), len(found.places)
     left = residuals(data, found) - found.shared[data.look][:, None]
     costs = np.empty((len(STEPS), N, K))
@@ -202,45 +196,11 @@ def _settled(data: Sightings, found: Explanation, known: FloatArray) -> Explanat
     return found
 
 
-def part(data: Sightings, begin: int, end: int) -> Sightings:
-    """The looks from `begin` to `end`."""
-    mine = (data.look >= begin) & (data.look < end)
-    stamps, poses, rates = (each[begin:end] for each in (data.stamps, data.poses, data.rates))
-    seen, sigma, unlike = (each[mine] for each in (data.seen, data.sigma, data.unlike))
-    return Sightings(stamps, poses, data.look[mine] - begin, seen, sigma, unlike, rates)
-
-
-def _fresh(data: Sightings, found: Explanation) -> Explanation:
-    """The same without what was believed of looks, only of places and constant errors."""
-    none = replace(found, shared=np.zeros((len(data.stamps), 2)))
-    return replace(none, owner=assign(data, none, float(SLOW[1])))
-
-
-def _backwards(data: Sightings, found: Explanation, known: FloatArray) -> Explanation:
-    """The last looks first, then more and more of those before: what is believed now is best about these."""
-    F = len(data.stamps)
-    size = SOME
-    while size < F:
-        some = part(data, F - size, F)
-        solved = _settled(some, _fresh(some, found), known)
-        found = replace(found, places=solved.places, constant=solved.constant)
-        size *= 2
-    return _settled(data, _fresh(data, found), known)
-
-
 def explain(data: Sightings, found: Explanation, known: FloatArray) -> Explanation:
-    """The best of what is found from several beginnings; `found` is what is believed."""
-    tried = [_settled(data, start, known) for start in (found, _fresh(data, found))]
-    tried.append(_backwards(data, found, known))
-    blurred = replace(data, sigma=2.0 * data.sigma)
-    tried.append(_settled(data, _settled(blurred, found, known), known))
-    best = min(tried, key=lambda result: misfit(data, result))
-    for _ in range(SHAKEN):
-        shaken = _settled(data, replace(best, owner=assign(data, best, float(SLOW[1]))), known)
-        if misfit(data, shaken) >= misfit(data, best):
-            break
-        best = shaken
-    return best
+    """The better of what is found from what is believed, `found`, and from what that is with blurred detections."""
+    blurred = _settled(replace(data, sigma=2.0 * data.sigma), found, known)
+    tried = [_settled(data, start, known) for start in (found, blurred)]
+    return min(tried, key=lambda result: misfit(data, result))
 
 
 @dataclass

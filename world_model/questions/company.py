@@ -10,6 +10,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.geometry.places import Place
 from estimation.geometry.polygons import outline_distance
+from world_model.memory.stays import AWAY
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed
 from world_model.questions.moments import Span, When
 from world_model.questions.naming import (
@@ -36,7 +37,6 @@ from world_model.state import DAY, PERSON
 BESIDE = 1.0  # m: who is that close to a piece of furniture is at it
 NOW = 300.0  # s: who was seen within it is taken to be there
 AROUND_MOVE = 30.0  # s before and after a move in which somebody who was there may have moved it
-PAUSE = 900.0  # s: who is back within it has not been away
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,6 @@ def who_was_here(world: Recall, place: str = "", since: When = None, person: str
         evidence.append({"object": visit.person, "event": "seen", "place": where, "stamp": iso(visit.start)})
     at = at_the(world, where) or " here"
     period = period_of(world, span)
-    probability = Trust.SEEN if visits else Trust.STORY
     if visits:
         # One with a name is one under all ids.
         count = len({name_of_person(world.item(visit.person)) or visit.person for visit in visits})
@@ -80,7 +79,7 @@ def who_was_here(world: Recall, place: str = "", since: When = None, person: str
     else:
         nobody = f"not seen {_called(world, person)}" if person else "seen nobody"
         sentence = f"I have {nobody}{at} {period}"
-    return Answer.stated(sentence, "who_was_here", probability, span.start, value, tuple(evidence[-8:]))
+    return Answer.stated(sentence, "who_was_here", Trust.SEEN, span.start, value, tuple(evidence[-8:]))
 
 
 def who_is_here(world: Recall, place: str = "") -> Answer:
@@ -122,8 +121,7 @@ def who_moved(
         nobody = f"I did not see {_called(world, person)} there" if person else "I saw nobody there"
         said = f"{listed(described(world, each) for each in there)} was there" if there else nobody
         parts.append(f"{said} when {told_change(world, move)}")
-    probability = Trust.NEAR_BY if value else Trust.NOBODY
-    return Answer.stated("; ".join(parts[-8:]), "who_moved", probability, moves[-1].end, value)
+    return Answer.stated("; ".join(parts[-8:]), "who_moved", Trust.PROBABLY, moves[-1].end, value)
 
 
 def what_was_carried(world: Recall, person: str, since: When = None) -> Answer:
@@ -140,8 +138,7 @@ def what_was_carried(world: Recall, person: str, since: When = None) -> Answer:
         told_of = "; ".join(told_change(world, move) for move in moves[-8:])
         sentence = f"Where {called} was {span.between}: {told_of}"
     value = list(dict.fromkeys(move.object for move in moves))
-    probability = Trust.NEAR_BY if moves else Trust.NOBODY
-    return Answer.stated(sentence, "what_was_carried", probability, span.start, value)
+    return Answer.stated(sentence, "what_was_carried", Trust.PROBABLY, span.start, value)
 
 
 def where_was_person(world: Recall, person: str, when: Span) -> Answer:
@@ -159,7 +156,7 @@ def where_was_person(world: Recall, person: str, when: Span) -> Answer:
     told_of = [f"{spoken(world, place)} at {clock(stamp)}" for place, stamp in found.items()]
     said = listed(told_of) if told_of else f"not seen {wide.between}"
     best = max(found, key=found.__getitem__, default=None)
-    return Answer(f"{_called(world, person)} was {said}.", "where_was", 0.85, iso(when.start), best)
+    return Answer(f"{_called(world, person)} was {said}.", "where_was", Trust.NOT_SEEN, iso(when.start), best)
 
 
 def _called(world: Recall, person: str) -> str:
@@ -228,5 +225,5 @@ def _at(place: Place, positions: FloatArray) -> Any:
 
 def _joined(name: str, stamps: FloatArray) -> list[Visit]:
     """Visits of a person who was seen at these stamps (N,)."""
-    runs = np.split(stamps, np.flatnonzero(np.diff(stamps) > PAUSE) + 1)
+    runs = np.split(stamps, np.flatnonzero(np.diff(stamps) > AWAY) + 1)
     return [Visit(name, float(run[0]), float(run[-1])) for run in runs if len(run)]

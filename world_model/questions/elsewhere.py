@@ -18,11 +18,8 @@ from world_model.state import BELIEVED, DAY, PERSON, most_probable
 
 WEEKS = 28 * DAY  # s: of the history that says where things go
 OUT = 2.0 * FOUND_AFTER  # s: what was found no sooner was out of the house, as far as anybody could tell
-HOURS = 1.0  # Deviation of the time of day at which something does the same again
 ANY_HOUR, ANY_PLACE = 0.05, 0.3  # What counts a move at another time of day, and one from another place
 PRIOR_PLACES, PRIOR_OUT = 0.35, 0.15  # What is taken to be known of where anything goes, in moves
-OVERLOOKED = 0.02  # That a look at a place does not find what is there
-GUESS = 0.4  # Probability below which a place is no answer
 SHORTEST, LONGEST = 120.0, 6 * 3600.0  # s: of a round of looks
 
 
@@ -40,9 +37,9 @@ class Elsewhere:
 
     @property
     def best(self) -> str:
-        """The most probable place, "" where that is a mere guess, or it is more probably out of the house."""
+        """The most probable place, "" where it is rather at another, or out of the house."""
         place = most_probable(self.places)
-        return place if self.places.get(place, 0.0) >= max(self.out, GUESS) else ""
+        return place if self.places.get(place, 0.0) >= BELIEVED else ""
 
 
 def elsewhere(world: Recall, line: Timeline) -> Elsewhere:
@@ -89,7 +86,8 @@ def _same_hour(then: float, stamp: float) -> float:
     """Weight of a moment by its time of day, local time."""
     first, second = (at.hour + at.minute / 60 for at in map(datetime.fromtimestamp, (then, stamp)))
     apart = abs(first - second)
-    return ANY_HOUR + math.exp(-0.5 * (min(apart, 24 - apart) / HOURS) ** 2)
+    # It does the same again an hour, one deviation, sooner or later.
+    return ANY_HOUR + math.exp(-0.5 * min(apart, 24 - apart) ** 2)
 
 
 def _looks(world: Recall) -> tuple[float, dict[str, float]]:
@@ -111,10 +109,6 @@ def _unnoticed(looked: float | None, until: float, left_by: float, now: float, a
 
     looked : last look at the place, None where nobody knows. around : s of a round of looks.
     """
-    long = max(now - left_by, 0.0)
-    again = OVERLOOKED * math.exp(-0.5 * long / around)
     if looked is None:
-        unseen = max(1.0 - long / around, 0.0)
-    else:
-        unseen = min(max((left_by - looked) / max(left_by - until, 1e-6), 0.0), 1.0)
-    return unseen + (1.0 - unseen) * again
+        return max(1.0 - max(now - left_by, 0.0) / around, 0.0)
+    return min(max((left_by - looked) / max(left_by - until, 1e-6), 0.0), 1.0)

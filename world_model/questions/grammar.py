@@ -26,7 +26,7 @@ from world_model.questions.answers import (
 )
 from world_model.questions.moments import Span, ahead, extract
 from world_model.questions.naming import PREPOSITIONS, is_person, name_words, phrases, things_named
-from world_model.questions.recall import Recall, Trust, recall
+from world_model.questions.recall import WEEK, Recall, Trust, recall
 from world_model.questions.wording import plainly, respelled, simply
 from world_model.symbols import Symbols
 
@@ -215,7 +215,7 @@ _CALLS: dict[str, Call] = {
     "moved": lambda q: past.when_moved(q.world, q.what, q.around, q.place or q.left, q.way),
     "often": lambda q: past.how_often(q.world, q.what, q.place, q.since),
     "who_last": lambda q: company.who_was_here(
-        q.world, q.place, q.since or past.since_when(q.world, None, past.WEEK)
+        q.world, q.place, q.since or past.since_when(q.world, None, WEEK)
     ),
     "long_gone": lambda q: past.how_long_there(q.world, q.what, "", q.since if q.past else None, gone=True),
     "strays": lambda q: usual.what_is_out_of_place(q.always),

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from world_model.memory.stays import ObjectStay
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
-from world_model.questions.recall import Recall, remembered, singulars
+from world_model.questions.recall import Recall, Trust, remembered, singulars
 from world_model.questions.wording import is_called, respelled
 from world_model.state import PERSON, WorldObject
 from world_model.symbols import parse_symbol
@@ -320,7 +320,7 @@ def classes(world: Recall) -> dict[str, str]:
     """Every class that was ever seen, by its plain words."""
     names = {parsed[0] for name in world.epochs if (parsed := parse_symbol(name)) is not None}
     for item in world.present.values():
-        names |= {kind for kind, p in item.attributes.get("class", {}).items() if p > 0.05}
+        names |= {kind for kind, p in item.attributes.get("class", {}).items() if p > Trust.NAMED}
     found = {plain(name): name for name in names}
     heads = Counter(short.split()[-1] for short in found if " " in short)
     # The mug is the coffee mug where there is no other.

@@ -19,13 +19,12 @@ from world_model.questions.naming import (
     place_named,
     spoken,
 )
-from world_model.questions.recall import LATELY, Recall, Trust
-from world_model.questions.where import FOUND, evidence_of, within
+from world_model.questions.recall import LATELY, WEEK, Recall, Trust
+from world_model.questions.where import evidence_of, within
 from world_model.state import DAY, PERSON
 
-WEEK = 7 * DAY
 MANY = 100  # Stays, of which no more are read where no time is given
-CONFIRMED = 60.0  # s: what was seen for less may have been a false detection, and is not missed
+CONFIRMED = 60.0  # s: what was seen for less may have been a false detection; of less a sentence says nothing
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,7 @@ def how_often(world: Recall, what: str, place: str = "", since: When = None) -> 
     begin = max(span.start, line.stays[0].since if line.stays else world.now)
     until = "" if until_now else f" until {clock(span.end)}"
     there = max(line.at(world.now)[0].values(), default=1.0) if until_now else 1.0
-    probability = max(Trust.SEEN * 0.995**count * there * certain, 0.3)
+    probability = Trust.SEEN * Trust.EACH**count * there * certain
     missing = f"; it is missing since {clock(gone)}" if gone and begin < gone <= span.end else ""
     sentence = f"{described(world, name)} {said} since {clock(begin)}{until}, {told(probability)}{missing}."
     evidence = evidence_of(line, span.start, span.end)
@@ -220,10 +219,10 @@ def _how_long(world: Recall, name: str, place: str) -> Answer:
             break
     if not stays:
         said = f"is not {spoken(world, where)}, but {spoken(world, last)}"
-        return long(said, Trust.STORY, now, None, last.since, now)
+        return long(said, Trust.SEEN, now, None, last.since, now)
     came, earliest = stays[-1].since, stays[-1].came_after
     probability = Trust.SEEN * line.at(now)[0].get(last.place, 0.5)
-    unsure = math.isfinite(earliest) and came - earliest > 60.0
+    unsure = math.isfinite(earliest) and came - earliest > CONFIRMED
     more = f" (at most {duration(came - earliest)} longer)" if unsure else ""
     has = "has been" if probability >= Trust.NOT_SEEN else "has probably been"
     since = f"{duration(now - came)}{more}, since {clock(came)}, {told(probability)}"
@@ -254,7 +253,7 @@ def when_moved(
     parts = "; ".join(told_change(world, each) for each in moves)
     last = moves[-1]
     evidence = evidence_of(line, last.start, last.end)
-    return Answer.stated(parts, "when_moved", Trust.STORY, last.end, iso(last.end), evidence)
+    return Answer.stated(parts, "when_moved", Trust.SEEN, last.end, iso(last.end), evidence)
 
 
 def moves_of(
@@ -292,7 +291,7 @@ def told_change(world: Recall, change: Change) -> str:
     if change.came is None:
         return f"{name} is no longer {spoken(world, change.left)}; it went by {clock(change.end)}"
     between = f"at {clock(change.end)}"
-    if change.end - change.start >= 60.0:
+    if change.end - change.start >= CONFIRMED:
         between = Span(change.start, change.end).between
     if change.left_by is not None and change.end - change.left_by > AWAY:
         left = f"{name} left {_end(world, change.left)} by {clock(change.left_by)}"
@@ -313,7 +312,7 @@ def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
     found, certain = _net_changes(world, span)
     found = [change for change in found if is_about(world, change, where)]
     at = at_the(world, where)
-    probability = Trust.CHANGED * Trust.EACH ** len(found) * certain
+    probability = Trust.SEEN * Trust.EACH ** len(found) * certain
     sentence = f"Nothing that I know of has changed{at} {period_of(world, span)}"
     if found:
         parts = "; ".join(told_change(world, each) for each in found[:12])
@@ -421,7 +420,7 @@ def history(world: Recall, what: str, since: When = None) -> Answer:
     sentence = f"{described(world, name)} was {before}{', then '.join(parts)}{end}."
     value = [[stay.place, iso(stay.since), iso(stay.until)] for stay in stays]
     first = iso(stays[0].since)
-    return Answer(sentence, "history", Trust.STORY, first, value, evidence_of(line, span.start, span.end))
+    return Answer(sentence, "history", Trust.SEEN, first, value, evidence_of(line, span.start, span.end))
 
 
 def when_last_at(world: Recall, what: str, place: str) -> Answer:
@@ -442,7 +441,7 @@ def when_last_at(world: Recall, what: str, place: str) -> Answer:
     seen = iso(world.now if is_there else stamp)
     evidence = evidence_of(line, last.since, last.until)
     sentence = f"{described(world, name)} {until} {clock(stamp)}"
-    return Answer.stated(sentence, "when_last_seen", FOUND, stamp, seen, evidence)
+    return Answer.stated(sentence, "when_last_seen", Trust.SEEN, stamp, seen, evidence)
 
 
 def what_moved(world: Recall, since: When = None, place: str = "", way: str = "") -> Answer:

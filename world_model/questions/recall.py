@@ -32,18 +32,18 @@ LONGER = 8.0  # times as much it reads next
 RECENT = 60  # Objects of a class that ended last, among which doubles are looked for
 AROUND = 1.5 * DAY  # s: of the history that says where something was at a moment
 SAME = 0.93  # That what looks like something that went, and came since, is the same
-RETURNS = 7.0 * DAY  # s: what was away for longer is another one
+WEEK = 7.0 * DAY  # s: what was away for longer is another one
 
 
 class Trust:
     """Probabilities that an answer is right, rounded from the first households of `experiment questions`."""
 
-    SEEN = 0.97  # it says what was seen
-    CHANGED = 0.98  # it says all that changed
-    STORY = 0.95  # it says when something was moved, or all that was done with it
+    SEEN = 0.97  # it says what was seen, moved or changed
     NOT_SEEN = 0.9  # it says that something was not, as nobody saw it
     EACH = 0.99  # factor for each thing that it lists
-    NEAR_BY, NOBODY = 0.7, 0.6  # who was where something was moved had to do with it; that nobody had
+    PROBABLY = 0.7  # it says what is rather so than not
+    TWIN = 0.85  # of two that look alike it is this one, which were never both out of sight while both moved
+    NAMED = 0.02  # least of a place or a thing that is told of beside others
 
 
 class Life(NamedTuple):
@@ -339,7 +339,7 @@ def _followed(lives: list[Life]) -> dict[str, tuple[str, float]]:
     links: dict[str, tuple[str, float]] = {}
     open_ends: list[Life] = []
     for life in lives:
-        open_ends = [each for each in open_ends if life.first - each.last < RETURNS]
+        open_ends = [each for each in open_ends if life.first - each.last < WEEK]
         fitting = [
             each
             for each in open_ends

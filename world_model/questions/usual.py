@@ -31,7 +31,7 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     inside = {
         line.id: world.inside(where, line.shares(start, world.now, absent=True)) for line in _all_weeks(world)
     }
-    shares = {name: inside[name] for name in inside if inside[name] > 0.02}
+    shares = {name: inside[name] for name in inside if inside[name] > Trust.NAMED}
     usual = [name for name in ranked(shares) if shares[name] >= USUAL]
     named = [f"{described(world, name)} ({100 * shares[name]:.0f} % of the time)" for name in usual]
     others = [name for name in ranked(shares) if shares[name] < USUAL]
@@ -40,7 +40,7 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
     sentence = f"Usually {at}: {listed(named)}" if named else f"Nothing is usually {at}"
     if now_and_then:
         sentence += f"; now and then {listed(now_and_then)}"
-    probability = Trust.CHANGED * math.prod(_certain(share) for share in shares.values())
+    probability = Trust.SEEN * math.prod(_certain(share) for share in shares.values())
     options = objects_at(where, shares)
     return Answer.stated(sentence, "what_is_usually_here", probability, world.now, usual, (), options)
 
@@ -64,7 +64,7 @@ def what_is_needed_next(world: Recall, ahead: float = AHEAD) -> Answer:
     sentence = f"Needed next {until}: {listed(parts)}."
     if not order:
         sentence = f"Nothing is expected to be moved {until}."
-    probability = moves[order[0]][1] if order else 0.7
+    probability = moves[order[0]][1] if order else Trust.PROBABLY
     options = tuple({"object": n, "place": moves[n][0], "probability": moves[n][1]} for n in order)
     value = {name: moves[name][0] for name in order}
     return Answer(sentence, "what_is_needed_next", probability, iso(world.now), value, (), options)
@@ -121,7 +121,7 @@ def what_is_out_of_place(world: Recall) -> Answer:
         if parts
         else "All that I know of is where it usually is"
     )
-    probability = Trust.CHANGED * Trust.EACH ** len(found)
+    probability = Trust.SEEN * Trust.EACH ** len(found)
     return Answer.stated(said, "what_is_out_of_place", probability, world.now, found)
 
 

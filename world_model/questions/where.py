@@ -42,10 +42,6 @@ from world_model.questions.naming import (
 from world_model.questions.recall import Recall, Trust, ranked
 from world_model.state import BELIEVED, PERSON, most_probable
 
-TWIN, SWAPPED = 0.85, 0.5
-"""That of two objects that look alike each is the one it is taken for: where they were never both out of sight while
-both moved, and where they were."""
-FOUND = 0.96  # That something was where it was seen at some time
 HIDDEN = 0.89  # The most that is told of a place where something was not seen: it is never told as sure
 LATELY = 6 * 3600.0  # s: what went from where it was no longer ago may be where it usually goes then
 
@@ -139,7 +135,7 @@ def _during(world: Recall, name: str, span: Span) -> Answer:
         return _where(world, name, span.middle, "where_was", True)
     order = ranked(shares)
     best = order[0]
-    probability = min(Trust.CHANGED, 0.5 + shares[best] * 0.48) if len(order) > 1 else Trust.SEEN
+    probability = min(Trust.SEEN, 0.5 + 0.5 * shares[best]) if len(order) > 1 else Trust.SEEN
     others = [f"{spoken(world, place)} ({100 * shares[place]:.0f} % of the time)" for place in order[1:]]
     sentence = f"{described(world, name)} was {spoken(world, best)} {span.between}"
     sentence += f" most of the time; also {listed(others)}" if others else ""
@@ -178,7 +174,7 @@ def _where(world: Recall, name: str, stamp: float, kind: str, by_name: bool) -> 
     doubt = f"; it cannot be told from {listed(map(clean, twins))}" if twins else ""
     also = f", now called {clean(line.id)}," if line.id != name else ""
     sentence = f"{described(world, name)}{also} {verb} {where}, {told(certain)}, {seen}{doubt}."
-    others = [other for other, p in chances.items() if other != place and p > 0.01]
+    others = [other for other, p in chances.items() if other != place and p > Trust.NAMED]
     options = list(places_of(name, chances, others))
     options += [
         {"object": twin, "place": place, "probability": (1.0 - certain) / len(twins)} for twin in twins
@@ -198,18 +194,20 @@ def _exchanged(world: Recall, name: str, stamp: float, kind: str) -> Answer:
     sentence = (
         f"What was called {clean(name)} has probably changed places with {clean(other)}: {there.sentence}"
     )
-    options = ({"object": name, "place": own.value, "probability": 0.2}, *there.alternatives)
-    return replace(there, sentence=sentence, probability=0.8 * there.probability, alternatives=options)
+    options = ({"object": name, "place": own.value, "probability": 1.0 - Trust.PROBABLY}, *there.alternatives)
+    return replace(
+        there, sentence=sentence, probability=Trust.PROBABLY * there.probability, alternatives=options
+    )
 
 
 def _identity(world: Recall, line: Timeline, twins: list[str]) -> float:
     """That an object is the one it is taken for, beside some that look like it."""
     lines = [line, *(world.latest(twin) for twin in twins)]
     if any(each.cut for each in lines):
-        return SWAPPED  # in all the time that was not read they may have been
+        return 0.5  # in all the time that was not read they may have been
     mine, *others = map(_gaps, lines)
     both = any(((mine[:, :1] < gaps[:, 1]) & (gaps[:, 0] < mine[:, 1:])).any() for gaps in others)
-    return SWAPPED if both else TWIN
+    return 0.5 if both else Trust.TWIN
 
 
 def _gaps(line: Timeline) -> FloatArray:
@@ -224,7 +222,9 @@ def _unknown(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
         f"Nobody knows where {described(world, name)} was at {clock(stamp)}: it was seen last before that "
         f"{spoken(world, known)}, at {clock(known.until)}."
     )
-    return Answer(sentence, "where_was", 0.7, iso(stamp), None, evidence_of(line, known.since, known.until))
+    return Answer(
+        sentence, "where_was", Trust.PROBABLY, iso(stamp), None, evidence_of(line, known.since, known.until)
+    )
 
 
 def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: float) -> Answer:
@@ -241,7 +241,7 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
     ]
     may = elsewhere(world, line)
     last = f"it was seen last {spoken(world, stay)} at {clock(stay.until)}, and is no longer there"
-    order = [place for place in ranked(may.places) if may.places[place] > 0.02]
+    order = [place for place in ranked(may.places) if may.places[place] > Trust.NAMED]
     options = list(places_of(name, may.places, order))
     evidence = evidence_of(line, stay.since, stamp)
     if may.best and not back:
@@ -255,13 +255,13 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
     if back:
         where = world.latest(back[0]).stays[-1].place
         sentence += f"; {clean(back[0])}, which looks like it, came {spoken(world, where)} since"
-        options.insert(0, {"object": back[0], "place": where, "probability": 0.6})
+        options.insert(0, {"object": back[0], "place": where, "probability": Trust.PROBABLY})
     else:
         usual = usual_places(world, name)
         usual.pop(stay.place, None)
         guess = most_probable(usual)
         sentence += f"; it is often {spoken(world, guess)}" if guess else ""
-    probability = 0.55 if back else may.out
+    probability = Trust.PROBABLY if back else may.out
     return Answer(f"{sentence}.", "where_is", probability, iso(stamp), None, evidence, tuple(options))
 
 
@@ -283,7 +283,7 @@ def where_usually(world: Recall, what: str) -> Answer:
     first = f"{spoken(world, order[0])} ({100 * shares[order[0]]:.0f} % of the last four weeks)"
     rest = f"; else {listed(likely[1:])}" if likely[1:] else ""
     second = shares[order[1]] if len(order) > 1 else 0.0
-    probability = min(Trust.CHANGED, 0.5 + 2.0 * (shares[order[0]] - second))
+    probability = min(Trust.SEEN, 0.5 + 2.0 * (shares[order[0]] - second))
     sentence = f"{described(world, name)} is usually {first}{rest}."
     options = places_of(name, shares, order[1:])
     return Answer(sentence, "where_usually", probability, iso(world.now), order[0], (), options)
@@ -337,7 +337,7 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
         for each in lines
         if each.id != line.id
     )
-    probability = TWIN if meant.by_name and world.alike(line.id) else Trust.SEEN
+    probability = Trust.TWIN if meant.by_name and world.alike(line.id) else Trust.SEEN
     evidence = evidence_of(line, stay.since, stay.until)
     seen = iso(stay.until)
     return Answer(sentence, "when_last_seen", probability, seen, seen, evidence, options)
@@ -437,7 +437,7 @@ def _found_at(world: Recall, place: str, when: When, ids: Sequence[str] | None =
                 0.0,
             )
         else:
-            p, least = world.inside(place, _chances(world, line, span.middle)), 0.02
+            p, least = world.inside(place, _chances(world, line, span.middle)), Trust.NAMED
             p *= item.existence if now and item is not None and not line.lost else 1.0
         if p > least:
             chances[name] = p
@@ -479,13 +479,13 @@ def is_at(world: Recall, what: str, place: str, when: When = None) -> Answer:
     found = _found_at(world, where, when, meant.ids)
     span, lasts = found.span, found.lasts
     if meant.by_name and not lasts:
-        twins = {name: p * (TWIN if world.alike(name) else 1.0) for name, p in found.chances.items()}
+        twins = {name: p * (Trust.TWIN if world.alike(name) else 1.0) for name, p in found.chances.items()}
         found = found._replace(chances=twins)
     p = min(1.0 - math.prod(1.0 - each for each in found.chances.values()), Trust.EACH)
     if lasts:
-        p = FOUND if found.there else 1.0 - Trust.NOT_SEEN
+        p = Trust.SEEN if found.there else 1.0 - Trust.NOT_SEEN
     if p >= 0.5:
-        verb = hedged(FOUND if lasts else p, found.verbs[len(found.there) > 1])
+        verb = hedged(Trust.SEEN if lasts else p, found.verbs[len(found.there) > 1])
         names = found.named(world) if lasts else listed(described(world, name) for name in found.there)
         sentence = f"Yes, {names or clean(what)} {verb} {spoken(world, where)}{found.then}"
     else:
@@ -556,7 +556,9 @@ def where_to_look(world: Recall, what: str) -> Answer:
         raise NothingKnownError(f"Nobody knows where {clean(name)} may be: no place has a name.")
     order = ranked(chances)
     parts = [
-        f"{spoken(world, place)} ({told(chances[place])})" if chances[place] >= 0.01 else spoken(world, place)
+        f"{spoken(world, place)} ({told(chances[place])})"
+        if chances[place] >= Trust.NAMED
+        else spoken(world, place)
         for place in order[:6]
     ]
     options = places_of(name, chances, order)

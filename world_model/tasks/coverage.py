@@ -15,10 +15,10 @@ from estimation.geometry.places import Place
 
 CELL = 0.5  # metres
 CLEARANCE = 0.25  # metres
-# On a floor nobody knows, metres: seen well enough to know its furniture; how far it may go on beyond what has been
-# seen, and how fast that becomes unlikely; between candidates, of which there are MOST along a side at most.
+# On a floor nobody knows, metres: seen well enough to know its furniture, and how fast what is beyond becomes unlikely;
+# how far it may go on beyond what has been seen; between candidates, of which there are MOST along a side at most.
 # Who comes in stands at a wall: out on that side is DOOR times farther.
-PASSED, OUTER, FADE, COARSE, MOST, DOOR = 4.0, 6.0, 4.0, 1.5, 25, 5.0
+PASSED, OUTER, COARSE, MOST, DOOR = 4.0, 6.0, 1.5, 25, 5.0
 
 
 class Coverage:
@@ -126,7 +126,7 @@ def where_more_is_seen(
     below *= np.where(track[0] <= low, DOOR, 1.0)
     above *= np.where(track[0] >= high, DOOR, 1.0)
     outside = np.hypot(*(below + above).T)
-    likely = np.exp(-outside / FADE)
+    likely = np.exp(-outside / PASSED)
     lengths = np.hypot(*(left - place).T)
     near = np.hypot(*(left[:, None] - left[None]).transpose(2, 0, 1)) <= PASSED
     return np.asarray(left[int(np.argmax(likely * (near @ likely) / (lengths + PASSED)))])

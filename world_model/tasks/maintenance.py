@@ -23,16 +23,15 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, as_finite, as_vectors
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
-from world_model.state import WorldObject, WorldState
+from world_model.state import OUTCOMES, WorldObject, WorldState
 from world_model.tasks.looks import Looks, Sensor, looks_at
-from world_model.tasks.maintenance_config import MaintenanceConfig
+from world_model.tasks.maintenance_config import VERIFIED_ACTIONS, MaintenanceConfig
 from world_model.tasks.maintenance_kernels import single_gains
 from world_model.tasks.maintenance_options import TOUR, TWO_LOOKS, Options, View, looked_at_now, options, tour
 from world_model.tasks.ways import Ways
 
 __all__ = ["Maintenance", "MaintenanceConfig", "Trigger", "VerificationTask"]
 
-OUTCOMES = ("found", "occluded", "not_found")
 INTERVAL = 1.96  # standard deviations to either side that hold 95 %
 
 
@@ -106,7 +105,7 @@ class Maintenance:
 
     def before(self, action: str, object_id: str) -> bool:
         """A component is about to act on an object: queue a look where Table 3.1 asks for one; whether it does."""
-        wanted = action in self.config.verified_actions
+        wanted = action in VERIFIED_ACTIONS
         if wanted:
             self.trigger(object_id, action)
         return wanted

@@ -3,24 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from estimation.checks import FloatArray
-
 # mypy: disable-error-code="no-untyped-def"
-
-
-class Things(NamedTuple):
-    """N objects: positions (N, 3), m; P, Q : covariances and their growth by second (N, 3, 3); R : covariance of a look
-    by each of S sensors (S, N, 3, 3)."""
-
-    positions: FloatArray
-    P: FloatArray
-    Q: FloatArray
-    R: FloatArray
 
 
 @njit(cache=True)
@@ -143,49 +130,6 @@ def straight_stop(pose, x, y, low, high, share, aside):
     back = reach if away > reach else nearest
     stop_x, stop_y = x - ahead_x * back, y - ahead_y * back
     return stop_x, stop_y, heading, math.hypot(stop_x - pose[0], stop_y - pose[1])
-
-
-@njit(cache=True)
-def straight_gains(items, kinds, shares, aside, pose, things, ranges, opening, stride, step, anticipation):
-    """`path_gain` for straight drives of a robot at `pose` (3,) to look at objects, all at once.
-
-    items, kinds : (M,) indices of an object and of a sensor. shares (M,), aside (M,) : see `straight_stop`.
-    things : `Things`. ranges : (S, 2) m. stride : m in a time step. Returns (M, 3) gain of the object, of all, how many
-    would be seen; (M, 3) goal x, y, yaw; (M,) metres.
-    """
-    positions = things.positions
-    found, goals, lengths = np.zeros((len(items), 3)), np.empty((len(items), 3)), np.empty(len(items))
-    for m in range(len(items)):
-        low, high = ranges[kinds[m], 0], ranges[kinds[m], 1]
-        x, y = positions[items[m], 0], positions[items[m], 1]
-        stop_x, stop_y, heading, length = straight_stop(pose, x, y, low, high, shares[m], aside[m])
-        count = max(math.ceil(length / stride - 1e-9), 1)
-        path = np.empty((count + 1, 3))
-        course = heading
-        if length > 1e-9:
-            course = math.atan2(stop_y - pose[1], stop_x - pose[0])
-        for k in range(count + 1):
-            path[k, 0] = pose[0] + (stop_x - pose[0]) * (k / count)
-            path[k, 1] = pose[1] + (stop_y - pose[1]) * (k / count)
-            path[k, 2] = course
-        path[count, 2] = heading
-        own, gain, seen = path_gain(
-            items[m],
-            path,
-            positions,
-            things.P,
-            things.Q,
-            things.R[kinds[m]],
-            low,
-            high,
-            opening,
-            step,
-            anticipation,
-        )
-        found[m, 0], found[m, 1], found[m, 2] = own, gain, seen
-        goals[m, 0], goals[m, 1], goals[m, 2] = stop_x, stop_y, heading
-        lengths[m] = length
-    return found, goals, lengths
 
 
 @njit(cache=True)

@@ -12,13 +12,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from world_model.tasks.looks import Looks
 from world_model.tasks.maintenance_config import MaintenanceConfig
-from world_model.tasks.maintenance_kernels import (
-    Things,
-    path_gain,
-    shortest_way,
-    single_gains,
-    straight_gains,
-)
+from world_model.tasks.maintenance_kernels import path_gain, shortest_way, single_gains
 from world_model.tasks.ways import Ways
 
 NEARER = 0.6  # of the stand-off after each look that was in vain
@@ -79,18 +73,12 @@ def options(
     if len(items) > EXACT:
         items, kinds = _promising(config, looks, ways, items, kinds)
     vain = np.array([misses.get(looks.objects[k].id, 0) for k in items], dtype=np.int64)
-    if base_available and ways.straight:
-        found, goals, lengths = _straight(config, looks, ways, items, kinds, vain, view)
-    else:
-        found, goals, lengths = _one_by_one(config, looks, ways, items, kinds, vain, view, base_available)
+    found, goals, lengths = _gains(config, looks, ways, items, kinds, vain, view, base_available)
     good = found[:, 0] > 0.0
     items, kinds, found, goals, lengths = items[good], kinds[good], found[good], goals[good], lengths[good]
     costs = np.array([sensor.cost for sensor in looks.sensors])[kinds]
-    weights = np.ones(len(items))
-    if config.class_weights:
-        weights[:] = [config.class_weights.get(looks.objects[k].most_probable("class"), 1.0) for k in items]
     own, gain = found[:, 0], found[:, 1]
-    worth = own * weights + config.company * (gain - own)
+    worth = own + config.company * (gain - own)
     utility = worth / config.information_gain_norm - config.weight * (lengths + costs) / config.cost_scale
     return Options(items, kinds, own, gain, found[:, 2], lengths, goals, utility)
 
@@ -107,24 +95,11 @@ def tour(looks: Looks, here: FloatArray, items: Sequence[int]) -> list[int]:
     return [items[k] for k in order]
 
 
-def _straight(
-    config: MaintenanceConfig, looks: Looks, ways: Ways, items: IntArray, kinds: IntArray, vain: IntArray,
-    view: View | None,
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """On a floor without obstacles, all at once: gains and how many are seen (M, 3), goals (M, 3), metres (M,)."""
-    ranges = np.array([(sensor.range_min, sensor.range_max) for sensor in looks.sensors])
-    things = Things(looks.positions, looks.P, looks.Q, np.array(looks.R))
-    return straight_gains(
-        items, kinds, NEARER**vain * config.standoff, vain > 0, ways.pose, things, ranges, looks.opening(view),
-        config.speed * config.time_step, config.time_step, config.anticipation,
-    )  # fmt: skip
-
-
-def _one_by_one(
+def _gains(
     config: MaintenanceConfig, looks: Looks, ways: Ways, items: IntArray, kinds: IntArray, vain: IntArray,
     view: View | None, base_available: bool,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
-    """As `_straight`, around obstacles or from where the robot is; what cannot be seen brings nothing."""
+    """Gains and how many are seen (M, 3), goals (M, 3), metres (M,); what cannot be seen brings nothing."""
     found, goals, lengths = np.zeros((len(items), 3)), np.zeros((len(items), 3)), np.zeros(len(items))
     opening = looks.opening(view)
     for m, (k, s) in enumerate(zip(items.tolist(), kinds.tolist(), strict=True)):

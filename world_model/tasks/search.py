@@ -28,10 +28,7 @@ from world_model.tasks.relations import IntArray, Relations
 from world_model.tasks.ways import Entrances
 
 METHODS = ("belief", "chain")
-# Where the middle of an unknown room may be, in distances from the door to the middle of what has been seen.
-BEYOND = (2.0,)
 LINKS = 40  # names that a chain may lead through
-FLOOR = 0.1  # least share of p(o | T) that counts, whatever is in view everywhere
 SAME_OBJECT = 1.0  # metres that one object may seem to move between two looks
 LIKELY = 0.2  # probability of a place from which on the search goes there first
 LEAST = 0.1  # share of a room's floor that may stay unseen: corners, and what stands in front of them
@@ -81,53 +78,34 @@ class SearchStep:
     probability: float = 0.0
 
 
-def _telling(share: FloatArray, everywhere: FloatArray) -> FloatArray:
-    """What of p(o | T) counts: what exceeds `everywhere`, the square of how often o is in view at all."""
-    return np.maximum((share - everywhere) / np.maximum(1.0 - everywhere, 1e-9), FLOOR * share)
+def worths(relations: Relations, target: str, room: str, chain_share: float) -> dict[str, float]:
+    """How exclusively each known name goes with the target, directly or through one other; in [0, 1].
 
+    room : type of room, "" for anywhere. Of p(o | T) only what exceeds p(o)² counts: that a sofa is in view where the
+    target is says little where sofas are always in view, as they are for a camera that sees far.
+    """
+    names = relations.names
+    if target not in relations:
+        return dict.fromkeys(names, 0.0)
+    every, at = np.arange(len(names)), names.index(target)
+    everywhere = relations.ubiquity(room)[:, None] ** 2
 
-class Worths:
-    """How much each known name has to do with a target, by type of room."""
+    def both_ways(others: IntArray) -> tuple[FloatArray, FloatArray]:
+        """(N, M) of what counts of p(name | other), and of sqrt(p(name | other) p(other | name))."""
+        there, back = relations.block(every, others, room), relations.block(others, every, room).T
+        telling = np.maximum(there - everywhere, 0.0) / np.maximum(1.0 - everywhere, 1e-9)
+        return np.sqrt(telling * back), np.sqrt(there * back)
 
-    def __init__(self, relations: Relations, chain_share: float, target: str) -> None:
-        self._relations, self._chain_share, self._target = relations, chain_share, target
-        self._known: dict[str, dict[str, float]] = {}
-
-    def of(self, room: str) -> dict[str, float]:
-        """By name, in rooms of a type; "" for anywhere."""
-        if room not in self._known:
-            self._known[room] = self._worth(room)
-        return self._known[room]
-
-    def _worth(self, room: str) -> dict[str, float]:
-        """How exclusively each known name goes with the target, directly or through one other; in [0, 1].
-
-        Of p(o | T) only what exceeds p(o)² counts: that a sofa is in view where the target is says little where sofas
-        are always in view, as they are for a camera that sees far.
-        """
-        names, target = self._relations.names, self._target
-        if target not in self._relations:
-            return dict.fromkeys(names, 0.0)
-        every, at = np.arange(len(names)), names.index(target)
-        everywhere = self._relations.ubiquity(room)[:, None] ** 2
-        there, back = self._both_ways(every, np.array([at]), room)
-        # What a chain leads through is not in view yet: it may be common where it is.
-        onward = np.sqrt(there * back)[:, 0]
-        onward[at] = 0.0
-        through = np.sqrt(_telling(there, everywhere) * back)[:, 0]
-        through[at] = 0.0
-        # Chains through a name that has little to do with the target are worth little themselves.
-        over = np.argsort(-onward, kind="stable")[:LINKS]
-        there, back = self._both_ways(every, over, room)
-        chained = np.sqrt(_telling(there, everywhere) * back) * onward[None, over]
-        chained[over, np.arange(len(over))] = 0.0
-        chained[at] = 0.0
-        worth = np.maximum(through, self._chain_share * chained.max(axis=1, initial=0.0))
-        return dict(zip(names, worth.tolist(), strict=True))
-
-    def _both_ways(self, names: IntArray, others: IntArray, room: str) -> tuple[FloatArray, FloatArray]:
-        """(N, M) of p(name | other) and of p(other | name)."""
-        return self._relations.block(names, others, room), self._relations.block(others, names, room).T
+    # What a chain leads through is not in view yet: it may be common where it is.
+    through, onward = (each[:, 0] for each in both_ways(np.array([at])))
+    through[at] = onward[at] = 0.0
+    # Chains through a name that has little to do with the target are worth little themselves.
+    over = np.argsort(-onward, kind="stable")[:LINKS]
+    chained = both_ways(over)[0] * onward[None, over]
+    chained[over, np.arange(len(over))] = 0.0
+    chained[at] = 0.0
+    worth = np.maximum(through, chain_share * chained.max(axis=1, initial=0.0))
+    return dict(zip(names, worth.tolist(), strict=True))
 
 
 class Chain:
@@ -202,7 +180,7 @@ class ObjectSearch:
         # By name, where objects were and where the robot looked from.
         self._dead: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
         self._target = ""
-        self._worths = Worths(self.relations, self.config.chain_share, "")
+        self._worths: dict[str, dict[str, float]] = {}  # by type of room
         self._chain = self.chain_type(self.relations, self.config, "")
         self._rooms_left: set[str] = set()
         self._room_ahead = ""
@@ -210,7 +188,6 @@ class ObjectSearch:
         self._entrances = Entrances(self.places or Places())
         self._middles: list[FloatArray] = []
         self._exploring: tuple[int, FloatArray] | None = None
-        self._start: FloatArray | None = None
         self._coverage: Coverage | None = None
         self._looks: list[FloatArray] = []  # where the robot looked from, and goals that it could not reach
         self._track: list[FloatArray] = []
@@ -266,7 +243,7 @@ class ObjectSearch:
             expected = self._expected
             self.reset()
             self._expected = expected
-            self._begin(wanted, place)
+            self._begin(wanted)
         known = {name: as_vectors(f"position of {name!r}", spot, 2, 3)[:2] for name, spot in observed.items()}
         self._follow(place)
         if self._coverage is not None and self._coverage.grid is not self.grid:
@@ -276,9 +253,8 @@ class ObjectSearch:
         self._step = self._choose(known, place)
         return self._step
 
-    def _begin(self, target: str, place: FloatArray) -> None:
-        self._target, self._start = target, place
-        self._worths = Worths(self.relations, self.config.chain_share, target)
+    def _begin(self, target: str) -> None:
+        self._target = target
         self._chain = self.chain_type(self.relations, self.config, target)
         if self.places is not None and len(self.places.rooms):
             self._rooms_left = {room.name for room in self.places.rooms}
@@ -388,27 +364,25 @@ class ObjectSearch:
         place: FloatArray,
         room: Place | None,
     ) -> SearchStep | None:
-        of = self._worths.of(room.type if room is not None else "")
         worth = {name: self._value(name, room) * self._freshness(spot, room) for name, spot in able.items()}
-        most = max((value for name, value in of.items() if name != self._target), default=0.0)
+        most = max(self._worths_in(room).values(), default=0.0)
         related = {
             name: value
             for name, value in worth.items()
             if value > 0.0 and value >= self.config.relevance * most
         }
         if not related:
-            middle = self._middle(known, bool(able), place, room)
+            why = f"Nothing in view is usually found with {self._target}"
+            middle = self._middle(place, room)
             if middle is not None and math.dist(middle, place) <= 1.0:
                 # It is there: going on must not lead back to it.
                 self._middles.append(middle)
             elif middle is not None:
-                why = f"Nothing in view is usually found with {self._target}"
                 return SearchStep("room", middle, "", self._said(why, "drive to where more can be seen."))
             if room is None and self.grid is None:
                 spot = self._onward(known, place)
                 if spot is not None:
-                    said = f"Nothing in view is usually found with {self._target}: drive to unseen floor."
-                    return SearchStep("room", spot, "", said)
+                    return SearchStep("room", spot, "", self._said(why, "drive to unseen floor."))
             related = worth
         if not related:
             return None
@@ -423,9 +397,15 @@ class ObjectSearch:
         unknown = self._target not in self.relations
         return f"{f'{self._target} is an unknown word' if unknown else why}: {then}"
 
+    def _worths_in(self, room: Place | None) -> dict[str, float]:
+        """How much each known name has to do with the target in a room, or anywhere."""
+        kind = room.type if room is not None else ""
+        if kind not in self._worths:
+            self._worths[kind] = worths(self.relations, self._target, kind, self.config.chain_share)
+        return self._worths[kind]
+
     def _value(self, name: str, room: Place | None) -> float:
-        of = self._worths.of(room.type if room is not None else "")
-        return of.get(self.relations.unified(name), 0.0)
+        return self._worths_in(room).get(self.relations.unified(name), 0.0)
 
     def _freshness(self, spot: FloatArray, room: Place | None) -> float:
         """Falls to zero where the target would have been seen: on floor that was looked at, or near dead ends."""
@@ -437,27 +417,14 @@ class ObjectSearch:
                 value *= 1.0 - math.exp(-((math.dist(spot, dead) / radius) ** 2))
         return value
 
-    def _middle(
-        self, known: Mapping[str, FloatArray], leads: bool, place: FloatArray, room: Place | None
-    ) -> FloatArray | None:
-        """The middle of the room, or where it should be by what has been seen; each once.
-
-        leads : whether there are objects left to go to.
-        """
+    def _middle(self, place: FloatArray, room: Place | None) -> FloatArray | None:
+        """The middle of the room, or of what the map shows, once; None where nobody knows it."""
+        middle = None
         if room is not None:
             middle = self._entrances.seen_from(place, self.grid)[room.name][0]
         elif self.grid is not None:
-            found = middle_of(self.grid)
-            if found is None:
-                return None
-            middle = found
-        else:
-            been = len(self._middles)
-            if not known or self._start is None or been >= len(BEYOND) or (leads and been > 0):
-                return None
-            # What is seen from the door lies on this side of the middle.
-            middle = self._start + BEYOND[been] * (np.mean(list(known.values()), axis=0) - self._start)
-        if any(math.dist(middle, been) < 1.0 for been in self._middles):
+            middle = middle_of(self.grid)
+        if middle is None or any(math.dist(middle, been) < 1.0 for been in self._middles):
             return None
         return middle
 

@@ -63,11 +63,6 @@ class Ways:
         self._grid = grid
         self._paths: GridPaths | None = None
 
-    @property
-    def straight(self) -> bool:
-        """Whether nothing is in the way of anything."""
-        return self._grid is None
-
     def stay(self) -> Way:
         """Look from here, with the heading there is."""
         here = self.pose[:2]
