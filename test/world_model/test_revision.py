@@ -197,5 +197,23 @@ def test_who_does_not_look_back_keeps_few_looks_and_says_the_same() -> None:
     assert len(forgets.look_back()) == 100
 
 
+def test_looks_from_before_a_word_was_known_are_looked_back_at_as_well() -> None:
+    """With an open vocabulary a look is as wide as the words that were known then."""
+    config = WorldModelConfig(
+        region=((-2.0, 6.0), (-4.0, 4.0), (-0.5, 0.5)), rate_hz=2.0, clutter_per_frame=0.02
+    )
+    model = WorldModel(config)
+    states, _ = drive_past(model, 120)
+    corrected = model.look_back()
+    said = [names for state in states if (names := state.associations)]
+    same = [
+        a == b
+        for one, other in zip(corrected, said, strict=True)
+        for a, b in zip(one[1], other, strict=True)
+        if b
+    ]
+    assert np.mean(same) > 0.95
+
+
 def test_nothing_to_look_back_at() -> None:
     assert WorldModel(WorldModelConfig()).look_back() == []

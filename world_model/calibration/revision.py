@@ -243,7 +243,12 @@ def explained(
     whose = np.concatenate([look.owners for look in looks])
     mine = ~np.isin(whose, np.array(sorted(movers), np.int64))
     index = np.repeat(np.arange(len(counts)), counts)[mine]
-    likelihood = np.concatenate([look.likelihood for look in looks])[mine]
+    # Of a look from before a word was known, words say nothing.
+    likelihood = np.ones((len(whose), leaves.attributes.shape[1]))
+    for look, end in zip(looks, np.cumsum(counts).tolist(), strict=True):
+        if look.likelihood.shape[1] == likelihood.shape[1]:
+            likelihood[end - len(look.owners) : end] = look.likelihood
+    likelihood = likelihood[mine]
     unlike = np.zeros((len(index), len(numbers)))
     for begin, end in blocks.tolist():
         if end > begin:
