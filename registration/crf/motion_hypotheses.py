@@ -18,7 +18,7 @@ from estimation.checks import FloatArray
 from estimation.geometry.poses import inverse
 from estimation.geometry.sight import AGREES, HIDDEN, THROUGH
 from registration.crf.beams import Beams, ends_of, moved, nearness, sighted
-from registration.crf.displacement import best_motion, claim
+from registration.crf.displacement import Goals, Group, Views, best_motion, claim
 from registration.laser.outline import CLEAR, length
 
 LARGEST = 7.0  # metres, extent of what moves
@@ -193,9 +193,10 @@ class _Search:
         least = max(3.0, 0.4 * count, stood - free + max(3.0, min(0.25 * count, 0.6 * changed)))
         if around.sum() >= 3:
             best = best_motion(
-                points, self.near[group], agrees, a.spacing[group], self.background, b.points[around],
-                self.weights[around], b.points[around & self.new], self.reach, sigma,
-                b.xy, b.ranges, b.clear, self._worth(members), b.angle_min, b.step, least, motion,
+                Group(points, self.near[group], a.spacing[group], agrees),
+                Goals(b.points[around], self.weights[around], b.points[around & self.new]),
+                Views(b.xy, b.ranges, b.clear, self._worth(members), b.angle_min, b.step),
+                self.background, self.reach, sigma, least, motion,
             )  # fmt: skip
         claims = np.zeros(len(b), dtype=bool)
         if best >= least and (free >= 2 or best > 0.7 * count):
