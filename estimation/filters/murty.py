@@ -19,6 +19,20 @@ _NO_ROW = -2
 
 
 @numba.njit(cache=True)
+def _hand_on(source, end, previous, row_of, column_of):  # type: ignore[no-untyped-def]
+    """Give each row on the way from row `source` to column `end` the column after it."""
+    while True:
+        before = previous[end]
+        row = source if before == _NO_ROW else row_of[before]
+        row_of[end] = row
+        if row >= 0:
+            column_of[row] = end
+        if before == _NO_ROW:
+            break
+        end = before
+
+
+@numba.njit(cache=True)
 def augment(costs, source, first, banned, freed, limit, row_of, column_of, u, v):  # type: ignore[no-untyped-def]
     """Give row `source` a column by the shortest augmenting path over columns whose row is ≥ `first`.
 
@@ -34,10 +48,8 @@ def augment(costs, source, first, banned, freed, limit, row_of, column_of, u, v)
         if row_of[j] >= 0 and row_of[j] < first:
             state[j] = 2
     scanned = np.empty(m, np.int64)
-    count = 0
-    row, base = source, 0.0
-    via = _NO_ROW
-    idle_column = -1
+    row, base, via = source, 0.0, _NO_ROW
+    count, idle_column = 0, -1
     while True:
         if row != IDLE:
             for j in range(m):
@@ -63,10 +75,8 @@ def augment(costs, source, first, banned, freed, limit, row_of, column_of, u, v)
         scanned[count] = column
         count += 1
         row, base, via = row_of[column], best, column
-        if row == IDLE:
-            if idle_column >= 0:
-                # All idle rows are alike: the first one reached has already been expanded.
-                continue
+        # All idle rows are alike: what a later one reaches, the first one has reached before.
+        if row == IDLE and idle_column < 0:
             idle_column = column
     u[source] += best
     for k in range(count):
@@ -74,16 +84,7 @@ def augment(costs, source, first, banned, freed, limit, row_of, column_of, u, v)
         if row_of[j] >= 0:
             u[row_of[j]] += best - distance[j]
         v[j] -= best - distance[j]
-    end = column
-    while True:
-        before = previous[end]
-        row = source if before == _NO_ROW else row_of[before]
-        row_of[end] = row
-        if row >= 0:
-            column_of[row] = end
-        if before == _NO_ROW:
-            break
-        end = before
+    _hand_on(source, column, previous, row_of, column_of)
     if idle_column >= 0:
         shift = best - distance[idle_column]
         for j in range(m):
@@ -91,6 +92,42 @@ def augment(costs, source, first, banned, freed, limit, row_of, column_of, u, v)
         for i in range(n):
             u[i] -= shift
     return best
+
+
+@numba.njit(cache=True)
+def _match_all(costs, no_ban, row_of, column_of, u, v):  # type: ignore[no-untyped-def]
+    """Write the cheapest complete assignment and its duals; its cost, inf where there is none."""
+    n, m = costs.shape
+    for i in range(n):
+        # Reduced costs of a new row may be negative; starting at its smallest keeps them at 0 or above.
+        smallest = np.inf
+        for j in range(m):
+            smallest = min(smallest, costs[i, j] - v[j])
+        if smallest == np.inf:
+            return np.inf
+        u[i] = smallest
+        # As integers, not as literals, of which each would be compiled for itself.
+        step = augment(costs, i, np.int64(0), no_ban, np.int64(-1), np.inf, row_of, column_of, u, v)
+        if step == np.inf:
+            return np.inf
+    total = 0.0
+    for i in range(n):
+        total += costs[i, column_of[i]]
+    return total
+
+
+@numba.njit(cache=True)
+def _close(out, size, room, cost, first, columns, banned, u, v):  # type: ignore[no-untyped-def]
+    """Take subproblem `out` from a pool of `size`, and the dearest ones beyond `room`; how many stay."""
+    while True:
+        # The last subproblem takes the place of the one that leaves.
+        size -= 1
+        cost[out], first[out] = cost[size], first[size]
+        columns[out], banned[out] = columns[size], banned[size]
+        u[out], v[out] = u[size], v[size]
+        if size <= room:
+            return size
+        out = np.argmax(cost[:size])
 
 
 @numba.njit(cache=True)
@@ -102,21 +139,9 @@ def k_best_full(costs, k):  # type: ignore[no-untyped-def]
     row_of = np.full(m, IDLE, np.int64)
     columns = np.full(n, -1, np.int64)
     u, v = np.zeros(n), np.zeros(m)
-    total = 0.0
-    for i in range(n):
-        # Reduced costs of a new row may be negative; starting at its smallest keeps them at 0 or above.
-        smallest = np.inf
-        for j in range(m):
-            smallest = min(smallest, costs[i, j] - v[j])
-        if smallest == np.inf:
-            return found[:0]
-        u[i] = smallest
-        # As integers, not as literals, of which each would be compiled for itself.
-        step = augment(costs, i, np.int64(0), no_ban, np.int64(-1), np.inf, row_of, columns, u, v)
-        if step == np.inf:
-            return found[:0]
-    for i in range(n):
-        total += costs[i, columns[i]]
+    total = _match_all(costs, no_ban, row_of, columns, u, v)
+    if total == np.inf:
+        return found[:0]
     # The pool holds at most as many open subproblems as solutions are still wanted.
     pool_cost = np.full(k, np.inf)
     pool_first = np.zeros(k, np.int64)
@@ -134,16 +159,7 @@ def k_best_full(costs, k):  # type: ignore[no-untyped-def]
         u, v = pool_u[at].copy(), pool_v[at].copy()
         found[count] = columns
         count += 1
-        out = at
-        while True:
-            # The last subproblem takes the place of the one that leaves.
-            size -= 1
-            pool_cost[out], pool_first[out] = pool_cost[size], pool_first[size]
-            pool_columns[out], pool_banned[out] = pool_columns[size], pool_banned[size]
-            pool_u[out], pool_v[out] = pool_u[size], pool_v[size]
-            if size <= k - count:
-                break
-            out = np.argmax(pool_cost[:size])
+        size = _close(at, size, k - count, pool_cost, pool_first, pool_columns, pool_banned, pool_u, pool_v)
         if count == k:
             break
         parent_rows = np.full(m, IDLE, np.int64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,35 @@ PEAKS = 4  # displacements that are refined
 MANY = 240  # points of a group that are looked at
 HIT = 0.7  # points of evidence that something new in the second scan is, where a motion takes a point to it
 DISTANCE_COST = 4.0  # points of evidence a metre of displacement needs
+
+
+class Group(NamedTuple):
+    """points (n, 2) of the first scan. near, spacing (n,) : metres, see `nearness` and `Beams`. standing (n,) : whether
+    each agrees with the background's motion."""
+
+    points: Any
+    near: Any
+    spacing: Any
+    standing: Any
+
+
+class Goals(NamedTuple):
+    """points (m, 2) of the second scan where a group may have gone, their weights (m,), and those that are new."""
+
+    points: Any
+    weights: Any
+    fresh: Any
+
+
+class Views(NamedTuple):
+    """Beams (B,) of the second scan, see `Beams`. worth (B,) : of a point that is moved to where one ended."""
+
+    xy: Any
+    ranges: Any
+    clear: Any
+    worth: Any
+    angle_min: float
+    step: float
 
 
 @njit(cache=True)
@@ -152,14 +182,14 @@ def claim(points, near, motion, targets, claimed):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def _explained(  # type: ignore[no-untyped-def]
-    points, near, standing, motion, bonus, least, xy, ranges, clear, worth, angle_min, step
-):  # fmt: skip
+def _explained(group, motion, bonus, least, views):  # type: ignore[no-untyped-def]
     """What points on b's outline are worth under `motion`, less those where b saw through, and the `bonus`.
 
-    A point that stood, `standing` (n,), and is out of view under `motion` speaks neither for nor against it. A point
-    counts as much as what the beam there saw is `worth` (B,). -inf as soon as it cannot be more than `least`.
+    A point that stood and is out of view under `motion` speaks neither for nor against it. A point counts as much as
+    what the beam there saw is worth. -inf as soon as it cannot be more than `least`.
     """
+    points, near, _, standing = group
+    xy, ranges, clear, worth, angle_min, step = views
     c, s = math.cos(motion[2]), math.sin(motion[2])
     on, through, n = 0.0, 0, len(points)
     # Every few points of what has many are enough.
@@ -182,18 +212,17 @@ def _explained(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def best_motion(  # type: ignore[no-untyped-def]
-    points, near, standing, spacing, background, targets, weights, fresh, reach, sigma, xy, ranges, clear,
-    worth, angle_min, step, least, motion,
-):  # fmt: skip
+def best_motion(group, goals, views, background, reach, sigma, least, motion):  # type: ignore[no-untyped-def]
     """Write the motion that explains most and return how much: points on the outline, less those seen through.
 
-    -inf where none explains at least `least`.
+    reach : metres, of a displacement beside the `background`'s motion (3,). sigma : radians beside its rotation. -inf
+    where no motion explains at least `least`.
     """
+    points, near, spacing, _ = group
     c, s = math.cos(background[2]), math.sin(background[2])
-    order = np.argsort(targets[:, 0])
-    targets, weights = targets[order], weights[order]
-    fresh = fresh[np.argsort(fresh[:, 0])]
+    order = np.argsort(goals.points[:, 0])
+    targets, weights = goals.points[order], goals.weights[order]
+    fresh = goals.fresh[np.argsort(goals.fresh[:, 0])]
     moved = np.empty_like(points)
     for i in range(len(points)):
         moved[i, 0] = background[0] + c * points[i, 0] - s * points[i, 1]
@@ -212,9 +241,7 @@ def best_motion(  # type: ignore[no-untyped-def]
         if not fit_group(points[::stride], spacing[::stride], background, targets, weights, sigma, trial):
             continue
         bonus = HIT * claim(points, near, trial, fresh, claimed) - DISTANCE_COST * length(dx, dy)
-        score = _explained(
-            points, near, standing, trial, bonus, best, xy, ranges, clear, worth, angle_min, step
-        )
+        score = _explained(group, trial, bonus, best, views)
         if score > best:
             best = score
             motion[0], motion[1], motion[2] = trial

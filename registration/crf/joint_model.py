@@ -9,25 +9,32 @@ Registration, then groups of points that do not follow it (`setup`), then booste
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.errors import InputError
+from estimation.geometry.poses import between
 from estimation.learning.gradient_boosting import GradientBoosting
-from registration.crf.background_motion import without_movers
 from registration.crf.beams import beams_of
 from registration.crf.estimate import JointEstimate, nothing, read_model, unchanged
 from registration.crf.labels import confirmed, estimate_of, groups_as_labels
 from registration.crf.setup import Start, start
 from registration.crf.trees import decided
+from registration.laser.prepared import prepared
 from registration.laser.scan import Scan
+from registration.placement.align import agreements
+from registration.placement.judgement import LENIENT, judged
+from registration.placement.refine import refine
 from registration.result import Registration
 
 FORMAT, VERSION = "whereabouts.moving_beams", 1
 LEAST_RETURNS = 20
+DOUBT = 0.08  # metres, how far what stands may still lie off
+MOST = 0.1  # metres and radians the motion may change by; more is another answer, not a better one
 
 
 @dataclass(eq=False)
@@ -107,7 +114,7 @@ class JointModel:
             labels, probability = decided(begun, labels, self.trees)
         estimate = estimate_of(begun, labels, probability)
         if refined:
-            background = without_movers(
+            background = _without_movers(
                 scan_a, scan_b, begun.registration, estimate.associations, estimate.moving
             )
             estimate.motions[0], estimate.covariances[0] = background.transform, background.covariance
@@ -127,3 +134,30 @@ def _same(scan_a: Scan, scan_b: Scan) -> bool:
     return angles and np.array_equal(
         np.where(scan_a.valid, scan_a.ranges, 0.0), np.where(scan_b.valid, scan_b.ranges, 0.0)
     )
+
+
+def _without_movers(
+    scan_a: Scan,
+    scan_b: Scan,
+    registration: Registration,
+    associations: NDArray[np.int64],
+    moving: NDArray[np.bool_],
+) -> Registration:
+    """`registration` refined without the beams of scan_a that move, (N,), and their partners in scan_b."""
+    if not moving.any():
+        return registration
+    left = np.zeros(len(scan_b), dtype=bool)
+    left[associations[moving & (associations >= 0)]] = True
+    rest = prepared(scan_a).without(moving[scan_a.valid])
+    target = prepared(scan_b).without(left[scan_b.valid])
+    refined = refine(rest.surface, target.target, registration.transform.copy(), DOUBT)
+    if (
+        not refined.settled
+        or refined.open_directions
+        or np.abs(between(registration.transform, refined.pose)).max() > MOST
+    ):
+        return registration
+    found = judged(
+        rest, target, refined, registration.transform, agreements(rest, target, refined.pose), LENIENT
+    )
+    return found if found.converged else replace(registration, transform=refined.pose)

@@ -10,16 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import inverse
-from estimation.geometry.sight import AGREES, THROUGH
-from registration.crf.beams import Beams, moved, nearness, sighted
-from registration.crf.displacement import best_motion, claim
-from registration.crf.segment_groups import groups_of
-from registration.laser.outline import CLEAR
+from estimation.geometry.sight import AGREES, HIDDEN, THROUGH
+from registration.crf.beams import Beams, ends_of, moved, nearness, sighted
+from registration.crf.displacement import Goals, Group, Views, best_motion, claim
+from registration.laser.outline import CLEAR, length
 
 LARGEST = 7.0  # metres, extent of what moves
 TURN_SIGMA = 0.12  # radians a thing may be expected to turn between the scans
@@ -70,7 +70,42 @@ def hypotheses(
 
 def left_their_place(a: Beams, labels: NDArray[np.int64]) -> NDArray[np.int64]:
     """(n,) number of the group that may have moved each point of a is in, -1 for none; labels (n,) by `seen_by`."""
-    return np.asarray(groups_of(a.points, a.pieces, labels, a.ranges[a.beams], LARGEST), dtype=np.int64)
+    return np.asarray(_groups(a.points, a.pieces, labels, a.ranges[a.beams], LARGEST), dtype=np.int64)
+
+
+@njit(cache=True)
+def _groups(points, pieces, labels, ranges, largest):  # type: ignore[no-untyped-def]
+    """Number of the group of each point, -1 for the background.
+
+    A piece may have moved where part of it stands in what the other scan saw through, or where it is hidden from
+    it and stands before what is beside it: what is behind its neighbours is what a mover hides.
+    """
+    n = len(points)
+    groups = np.full(n, -1, dtype=np.int64)
+    if n == 0:
+        return groups
+    size = np.bincount(pieces)
+    through = (labels == THROUGH) | (labels == CLEAR)
+    ends = ends_of(pieces, size)
+    for p in range(len(size)):
+        f, l, before, beyond = ends[p]
+        # A single reading between others is more often false than it is a thing.
+        if size[p] < 2:
+            continue
+        free = hidden = 0
+        for k in range(f, l + 1):
+            free += pieces[k] == p and through[k]
+            hidden += pieces[k] == p and labels[k] == HIDDEN
+        stands_out = (before < 0 or ranges[before] > ranges[f]) and (
+            beyond >= n or ranges[beyond] > ranges[l]
+        )
+        least = max(2.0, 0.06 * size[p])
+        across = length(points[l, 0] - points[f, 0], points[l, 1] - points[f, 1])
+        whole = across < largest and (free >= least or (stands_out and free + hidden >= least))
+        for k in range(f, l + 1):
+            if pieces[k] == p and (whole or through[k]):
+                groups[k] = f
+    return groups
 
 
 def _one_way(
@@ -158,9 +193,10 @@ class _Search:
         least = max(3.0, 0.4 * count, stood - free + max(3.0, min(0.25 * count, 0.6 * changed)))
         if around.sum() >= 3:
             best = best_motion(
-                points, self.near[group], agrees, a.spacing[group], self.background, b.points[around],
-                self.weights[around], b.points[around & self.new], self.reach, sigma,
-                b.xy, b.ranges, b.clear, self._worth(members), b.angle_min, b.step, least, motion,
+                Group(points, self.near[group], a.spacing[group], agrees),
+                Goals(b.points[around], self.weights[around], b.points[around & self.new]),
+                Views(b.xy, b.ranges, b.clear, self._worth(members), b.angle_min, b.step),
+                self.background, self.reach, sigma, least, motion,
             )  # fmt: skip
         claims = np.zeros(len(b), dtype=bool)
         if best >= least and (free >= 2 or best > 0.7 * count):

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from estimation.geometry.sight import AGREES, THROUGH
 from evaluation.scenes.labelled_pairs import SICK, LabelledPair, random_labelled_pairs
 from registration.crf.beams import beams_of, nearness, seen_by
-from registration.crf.displacement import _explained, _nearest
+from registration.crf.displacement import Group, Views, _explained, _nearest
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +40,15 @@ def test_a_motion_is_given_up_only_where_it_cannot_be_good_enough(pair: Labelled
     a, b = beams_of(pair.scan_a), beams_of(pair.scan_b)
     near, worth, standing = nearness(a, 0.01), np.ones(len(b.ranges)), np.zeros(len(a), dtype=bool)
     group = np.flatnonzero(a.pieces == np.bincount(a.pieces).argmax())[:200]
-    scan = (b.xy, b.ranges, b.clear, worth, b.angle_min, b.step)
+    points = Group(a.points[group], near[group], a.spacing[group], standing[group])
+    views = Views(b.xy, b.ranges, b.clear, worth, b.angle_min, b.step)
     given_up = 0
     for shift in np.linspace(-0.6, 0.6, 13):
         motion = pair.motions[0] + [shift, 0.5 * shift, 0.0]
         labels, _ = seen_by(a, b, motion, 0.01)
         wanted = np.sum(labels[group] == AGREES) - np.sum(labels[group] == THROUGH) + 1.0
         for least in (-1e9, wanted - 0.5, wanted + 0.5, 1e9):
-            found = _explained(a.points[group], near[group], standing[group], motion, 1.0, least, *scan)
+            found = _explained(points, motion, 1.0, least, views)
             assert found == pytest.approx(wanted) or (found == -np.inf and least > wanted)
             given_up += found == -np.inf
     assert given_up >= 13
