@@ -24,6 +24,7 @@ from estimation.checks import FloatArray
 from estimation.learning.boosting import AdaBoost
 from registration.crf.as_printed_messages import (
     FEATURES,
+    Inferred,
     algorithm_1,
     association_local,
     log_score,
@@ -168,7 +169,7 @@ class _Chains:
         """Algorithm 1 on the chains that are asked for; moving : x^RT as well."""
         algorithm_1(
             self._model.weights, self._a.points, self._b.points, self._states, *self._local, self.motions,
-            self.x_a, self.x_c, ITERATIONS, associate, cluster, moving,
+            self.x_a, self.x_c, ITERATIONS, Inferred(associate, cluster, moving),
         )  # fmt: skip
 
 

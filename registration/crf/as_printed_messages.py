@@ -8,6 +8,7 @@ two chains hear of each other; no edge joins them.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -29,6 +30,14 @@ SCALE = 0.1  # metres
 CUT = 3.0  # scales from which a distance is no worse
 LEAST_PAIRS = 3  # of a cluster, to move its motion
 SETTLED = 1e-3  # metres and radians
+
+
+class Inferred(NamedTuple):
+    """What is inferred: the chain x^A, the chain x^C and x^RT. The others stay as they are."""
+
+    association: bool
+    clustering: bool
+    motions: bool
 
 
 @njit(cache=True, inline="always")
@@ -183,18 +192,58 @@ def _compute_rt(sums, d, motions):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _visit_association(  # type: ignore[no-untyped-def]
+    w, points, others, states, static, outlier, stumps, motions, d, i, messages, last
+):  # fmt: skip
+    """Visit node i of x^A, whose point is in cluster d: send messages unless it is the `last` time.
+
+    messages (2, n, K + 1) : to the nodes from those before and from those after them. Returns the greatest change of a
+    message, and the node's best state.
+    """
+    local = np.empty(states.shape[1] + 1)
+    x, y = moved_by(motions, d, points[i])
+    association_local(w, static[i], outlier[i], stumps, x, y, others, states[i], local)
+    change = 0.0
+    for side in range(0 if last else 2):
+        j = i + 1 if side == 0 else i - 1
+        if 0 <= j < len(points):
+            sent = _send_association(
+                w, local + messages[side, i], points[i], points[j], others, states[i], states[j], side == 0,
+                messages[side, j],
+            )  # fmt: skip
+            change = max(change, sent)
+    return change, int((local + messages[0, i] + messages[1, i]).argmax())
+
+
+@njit(cache=True)
+def _visit_clustering(w, points, others, states, motions, x_a, i, messages, last):  # type: ignore[no-untyped-def]
+    """As `_visit_association`, of node i of x^C; messages (2, n, D)."""
+    m, count = states.shape[1], len(motions)
+    local, edges = np.empty(count + 1), np.empty((count + 1, count + 1))
+    clustering_local(w, points[i], motions, _partner(others, states[i], x_a[i]), x_a[i] < m, local)
+    change = 0.0
+    for side in range(0 if last else 2):
+        j = i + 1 if side == 0 else i - 1
+        if 0 <= j < len(points):
+            f, g = min(i, j), max(i, j)
+            u, v = _partner(others, states[f], x_a[f]), _partner(others, states[g], x_a[g])
+            told = x_a[f] < m and x_a[g] < m
+            clustering_edges(w, points[f], points[g], u, v, told, motions, edges)
+            sent = _send_clustering(local + messages[side, i], edges, side == 0, messages[side, j])
+            change = max(change, sent)
+    return change, int((local + messages[0, i] + messages[1, i]).argmax())
+
+
+@njit(cache=True)
 def algorithm_1(  # type: ignore[no-untyped-def]
-    w, points, others, states, static, outlier, stumps, motions, x_a, x_c, iterations, associate, cluster, moving
+    w, points, others, states, static, outlier, stumps, motions, x_a, x_c, iterations, inferred
 ):  # fmt: skip
     """MAP states, written to x_a (n,) in 0..K and x_c (n,) in 0..D - 1, and motions (D - 1, 3): equation (5).
 
-    states (n, K) : points of the second scan that each of the first may be. associate, cluster : which of the chains
-    are inferred; the other keeps its states. moving : whether x^RT is recomputed. Returns the iterations taken.
+    states (n, K) : points of the second scan that each of the first may be. Returns the iterations taken.
     """
     n, m, count = len(points), states.shape[1], len(motions)
-    a_ahead, a_back = np.zeros((n, m + 1)), np.zeros((n, m + 1))
-    c_ahead, c_back = np.zeros((n, count + 1)), np.zeros((n, count + 1))
-    a_local, c_local, edges = np.empty(m + 1), np.empty(count + 1), np.empty((count + 1, count + 1))
+    to_association, to_clustering = np.zeros((2, n, m + 1)), np.zeros((2, n, count + 1))
     sums = np.zeros((count, SUMS))
     for i in range(n):
         _count(sums, x_c[i], x_a[i], points[i], others, states[i], 1.0)
@@ -204,41 +253,25 @@ def algorithm_1(  # type: ignore[no-untyped-def]
         before, change, last = motions.copy(), 0.0, turn == iterations
         for i in range(n):
             d = x_c[i]
-            if associate:
-                x, y = moved_by(motions, d, points[i])
-                association_local(w, static[i], outlier[i], stumps, x, y, others, states[i], a_local)
-                for side in range(0 if last else 2):
-                    j, messages = (i + 1, a_ahead) if side == 0 else (i - 1, a_back)
-                    if 0 <= j < n:
-                        belief = a_local + messages[i]
-                        sent = _send_association(
-                            w, belief, points[i], points[j], others, states[i], states[j], side == 0, messages[j]
-                        )  # fmt: skip
-                        change = max(change, sent)
-                state = int((a_local + a_ahead[i] + a_back[i]).argmax())
+            if inferred.association:
+                sent, state = _visit_association(
+                    w, points, others, states, static, outlier, stumps, motions, d, i, to_association, last
+                )
+                change = max(change, sent)
                 _count(sums, d, x_a[i], points[i], others, states[i], -1.0)
                 _count(sums, d, state, points[i], others, states[i], 1.0)
                 x_a[i] = state
-                if moving:
+                if inferred.motions:
                     _compute_rt(sums, d, motions)
-            if cluster:
-                clustering_local(
-                    w, points[i], motions, _partner(others, states[i], x_a[i]), x_a[i] < m, c_local
+            if inferred.clustering:
+                sent, state = _visit_clustering(
+                    w, points, others, states, motions, x_a, i, to_clustering, last
                 )
-                for side in range(0 if last else 2):
-                    j, messages = (i + 1, c_ahead) if side == 0 else (i - 1, c_back)
-                    if 0 <= j < n:
-                        f, g = min(i, j), max(i, j)
-                        u, v = _partner(others, states[f], x_a[f]), _partner(others, states[g], x_a[g])
-                        told = x_a[f] < m and x_a[g] < m
-                        clustering_edges(w, points[f], points[g], u, v, told, motions, edges)
-                        sent = _send_clustering(c_local + messages[i], edges, side == 0, messages[j])
-                        change = max(change, sent)
-                state = int((c_local + c_ahead[i] + c_back[i]).argmax())
+                change = max(change, sent)
                 _count(sums, d, x_a[i], points[i], others, states[i], -1.0)
                 _count(sums, state, x_a[i], points[i], others, states[i], 1.0)
                 x_c[i] = state
-                if moving:
+                if inferred.motions:
                     _compute_rt(sums, d, motions)
                     _compute_rt(sums, state, motions)
         taken = turn + 1

@@ -8,6 +8,7 @@ A motion is kept where it explains clearly more of both scans than standing stil
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -56,10 +57,11 @@ def hypotheses(
     """
     here = np.zeros(len(a), dtype=bool)
     there = np.zeros(len(b), dtype=bool)
-    found = _one_way(a, b, background, labels, fresh, reach, noise, here, there)
+    found = _Search(a, b, background, labels, fresh, reach, noise).found(here, there)
     # What comes nearer hides what was behind it: a sees nothing of that, but b sees something new.
     if np.sum((fresh == THROUGH) & ~there) >= 3:
-        for group in _one_way(b, a, inverse(background), fresh, labels, reach, noise, there, here):
+        back = _Search(b, a, inverse(background), fresh, labels, reach, noise)
+        for group in back.found(there, here):
             came = _came_from(a, b, group, labels, nearness(a, noise)) if group.matched else None
             if came is not None:
                 found.append(came)
@@ -108,49 +110,6 @@ def _groups(points, pieces, labels, ranges, largest):  # type: ignore[no-untyped
     return groups
 
 
-def _one_way(
-    a: Beams, b: Beams, background: FloatArray, labels: NDArray[np.int64], fresh: NDArray[np.int64], reach: float,
-    noise: float, explained_here: NDArray[np.bool_], taken: NDArray[np.bool_],
-) -> list[MotionHypothesis]:  # fmt: skip
-    """Groups of a and where they went in b, the best explained first: what is near another's goal may not take it.
-
-    explained_here : (n,) points of a that are explained already; those found are added. taken : (m,) likewise of b.
-    """
-    groups = left_their_place(a, labels)
-    groups[explained_here] = -1
-    waiting = [groups == number for number in np.unique(groups[groups >= 0])]
-    if not waiting:
-        return []
-    new = fresh == THROUGH
-    # What agrees with the background may be a mover in the place of another, or in its own.
-    weights = np.where(new, 1.0, np.where(fresh == AGREES, 0.25, 0.5))
-    near = np.maximum(2.0 * nearness(a, noise), 0.5 * a.spacing)
-    search = _Search(a, b, background, labels, new, weights, near, reach, _owners(a, b, background, fresh))
-    tried = [one for members in waiting if (one := search.tried(members, taken)) is not None]
-    found: list[MotionHypothesis] = []
-    while tried:
-        best = tried.pop(int(np.argmax([one.hypothesis.gain for one in tried])))
-        if (best.claims & taken).any():
-            again = search.tried(best.members, taken)
-            tried += [] if again is None else [again]
-            continue
-        taken |= best.claims
-        found.append(best.hypothesis)
-        if best.hypothesis.matched:
-            explained_here |= best.hypothesis.members
-    return found
-
-
-def _owners(a: Beams, b: Beams, background: FloatArray, fresh: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(m,) point of a that each point of b is where it agrees with the background, else -1."""
-    owners = np.full(len(b), -1, dtype=np.int64)
-    agrees = np.flatnonzero(fresh == AGREES)
-    if len(agrees) and len(a):
-        away, nearest = cKDTree(a.points).query(moved(b.points[agrees], inverse(background)))
-        owners[agrees] = np.where(away <= OWNED, nearest, -1)
-    return owners
-
-
 @dataclass(frozen=True, eq=False)
 class _Tried:
     """A group of points (n,), where it seems to have gone, and what is new in b, (m,), that this explains."""
@@ -162,19 +121,68 @@ class _Tried:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What the search for motions of groups of a is given; see `_one_way`."""
+    """The search for motions of groups of a; its fields are arguments of `hypotheses`."""
 
     a: Beams
     b: Beams
     background: FloatArray
     labels: NDArray[np.int64]
-    new: NDArray[np.bool_]
-    weights: FloatArray
-    near: FloatArray
+    fresh: NDArray[np.int64]
     reach: float
-    owners: NDArray[np.int64]
+    noise: float
 
-    def tried(self, members: NDArray[np.bool_], taken: NDArray[np.bool_]) -> _Tried | None:
+    @cached_property
+    def new(self) -> NDArray[np.bool_]:
+        """(m,) what is new in b."""
+        return np.asarray(self.fresh == THROUGH)
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """(m,) what each point of b is worth to a motion.
+
+        What agrees with the background may be a mover in the place of another, or in its own.
+        """
+        return np.where(self.new, 1.0, np.where(self.fresh == AGREES, 0.25, 0.5))
+
+    @cached_property
+    def near(self) -> FloatArray:
+        """(n,) metres off the outline of b up to which a point of a that moved may be noise."""
+        return np.maximum(2.0 * nearness(self.a, self.noise), 0.5 * self.a.spacing)
+
+    @cached_property
+    def owners(self) -> NDArray[np.int64]:
+        """(m,) point of a that each point of b is where it agrees with the background, else -1."""
+        owners = np.full(len(self.b), -1, dtype=np.int64)
+        agrees = np.flatnonzero(self.fresh == AGREES)
+        if len(agrees) and len(self.a):
+            back = moved(self.b.points[agrees], inverse(self.background))
+            away, nearest = cKDTree(self.a.points).query(back)
+            owners[agrees] = np.where(away <= OWNED, nearest, -1)
+        return owners
+
+    def found(self, explained_here: NDArray[np.bool_], taken: NDArray[np.bool_]) -> list[MotionHypothesis]:
+        """Groups of a and where they went in b, the best explained first: what is near another's goal may not take it.
+
+        explained_here : (n,) points of a that are explained already; those found are added. taken : (m,) likewise of b.
+        """
+        groups = left_their_place(self.a, self.labels)
+        groups[explained_here] = -1
+        waiting = [groups == number for number in np.unique(groups[groups >= 0])]
+        tried = [one for members in waiting if (one := self._tried(members, taken)) is not None]
+        found: list[MotionHypothesis] = []
+        while tried:
+            best = tried.pop(int(np.argmax([one.hypothesis.gain for one in tried])))
+            if (best.claims & taken).any():
+                again = self._tried(best.members, taken)
+                tried += [] if again is None else [again]
+                continue
+            taken |= best.claims
+            found.append(best.hypothesis)
+            if best.hypothesis.matched:
+                explained_here |= best.hypothesis.members
+        return found
+
+    def _tried(self, members: NDArray[np.bool_], taken: NDArray[np.bool_]) -> _Tried | None:
         """The best motion of a group (n,) to what is not `taken` (m,); None where it stands."""
         group = np.flatnonzero(members)
         count = len(group)

@@ -21,7 +21,7 @@ from registration.laser.prepared import PreparedScan, prepare
 from registration.laser.scan import Scan
 from registration.placement.classic import CLASSIC
 from registration.placement.consistency import Agreement, weigh
-from registration.placement.correlative import candidates
+from registration.placement.correlative import Wanted, candidates
 from registration.placement.judgement import LENIENT, STRICT, Asked, judged
 from registration.placement.refine import Refined, refine
 from registration.result import Registration
@@ -113,8 +113,9 @@ def best_of(
 ) -> tuple[Refined | None, FloatArray, Views | None]:
     """Best of the candidates of `search`, `start` and how the outlines see each other then: not judged yet."""
     found = candidates(
-        moving.surface.points, still.surface.points, start, reach, turn, most=CANDIDATES, points=SEARCHED
-    )
+        moving.surface.points, still.surface.points, start, reach, turn,
+        wanted=Wanted(most=CANDIDATES, points=SEARCHED),
+    )  # fmt: skip
     refined = (refine(moving.surface, still.target, candidate[1:].copy(), 0.15) for candidate in found)
     best = ranked(moving, still, refined)
     if not best:

@@ -29,7 +29,7 @@ from registration.laser.prepared import PreparedScan, prepare
 from registration.laser.scan import Scan
 from registration.placement.align import Views, both_clouds, held, ranked, settle
 from registration.placement.classic import icp
-from registration.placement.correlative import candidates
+from registration.placement.correlative import Wanted, candidates
 from registration.placement.histograms import histogram_candidates
 from registration.placement.judgement import GUESS_SIGMA, Asked, judged
 from registration.placement.refine import Refined, refine
@@ -78,8 +78,7 @@ def align_globally(
 
 def _by_correlation(moving: PreparedScan, still: PreparedScan) -> Iterator[Refined]:
     found = candidates(
-        moving.surface.points, still.surface.points, np.zeros(3), REACH, np.pi, levels=4, keep=KEEP,
-        most=CANDIDATES,
+        moving.surface.points, still.surface.points, np.zeros(3), REACH, np.pi, 4, Wanted(KEEP, CANDIDATES)
     )  # fmt: skip
     for candidate in found:
         yield refine(moving.surface, still.target, candidate[1:].copy(), 0.2)

@@ -17,7 +17,7 @@ from estimation.checks import FloatArray
 from estimation.geometry.poses import between, inverse
 from registration.laser.submap import Submap
 from registration.placement.consistency import judge
-from registration.placement.correlative import candidates
+from registration.placement.correlative import Wanted, candidates
 from registration.placement.refine import refine
 
 MOST = 4  # placements
@@ -76,10 +76,8 @@ def align_submaps(
         np.array([0.0, 0.0, guess[2]]),
         reach,
         turn,
-        levels=2 if reach < 2.5 else 4,
-        keep=0.75,
-        most=2 * MOST,
-        points=10**6,
+        2 if reach < 2.5 else 4,
+        Wanted(keep=0.75, most=2 * MOST, points=10**6),
     )
     starts = found[:, 1:] + np.array([guess[0], guess[1], 0.0])
     placed = [place(source, target, start, DOUBT) for start in starts]

@@ -8,6 +8,7 @@ Several separate maxima are returned: the highest is not always the right one.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -242,6 +243,17 @@ def _candidates(source, target, centre, reach, turn, levels, keep, most, count):
     return chosen
 
 
+class Wanted(NamedTuple):
+    """keep : share of the best score that another candidate needs. most : candidates. points : of the source, used."""
+
+    keep: float = 0.85
+    most: int = 4
+    points: int = 80
+
+
+USUAL = Wanted()
+
+
 def candidates(
     source: FloatArray,
     target: FloatArray,
@@ -249,18 +261,15 @@ def candidates(
     reach: float,
     turn: float,
     levels: int = 2,
-    keep: float = 0.85,
-    most: int = 4,
-    points: int = 80,
+    wanted: Wanted = USUAL,
 ) -> NDArray[np.float64]:
     """Motions that lay `source` (N, 2) on `target` (M, 2), sensor frames, points in beam order.
 
     centre : (3,) x, y, yaw the search is centred on. reach : metres to either side in x and y.
-    turn : radians to either side. keep : share of the best score another candidate needs.
-    most : candidates. points : of the source that are used.
+    turn : radians to either side. levels : of blocks of translations, each twice as wide as the one below.
 
     Returns
     -------
-    (K, 4) : score in [0, 1], x, y, yaw; best first, K <= most, apart by 0.3 m or 8 degrees at least.
+    (K, 4) : score in [0, 1], x, y, yaw; best first, K <= `wanted.most`, apart by 0.3 m or 8 degrees at least.
     """
-    return np.asarray(_candidates(source, target, centre, reach, turn, levels, keep, most, points))
+    return np.asarray(_candidates(source, target, centre, reach, turn, levels, *wanted))

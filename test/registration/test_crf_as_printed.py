@@ -21,7 +21,7 @@ from evaluation.crf.crf_learning import (
 from evaluation.crf.crf_metrics import scores
 from evaluation.scenes.labelled_pairs import protocol, random_labelled_pairs
 from registration.crf.as_printed import PrintedCrf, k_means
-from registration.crf.as_printed_messages import FEATURES, algorithm_1, log_score
+from registration.crf.as_printed_messages import FEATURES, Inferred, algorithm_1, log_score
 from registration.crf.setup import start
 from registration.laser.rigid import rigid_motion
 from whereabouts.simulation.lidar import Lidar
@@ -74,7 +74,8 @@ def test_one_chain_alone_is_exact(seed: int, associate: bool) -> None:
     rng = np.random.default_rng(seed)
     x_a, x_c = rng.integers(0, M + 1, N), rng.integers(0, D, N)
     best = best_of_chain(given, x_a, x_c, associate)
-    algorithm_1(*given[:7], given[7].copy(), x_a, x_c, 2 * N, associate, not associate, False)
+    one = Inferred(associate, not associate, False)
+    algorithm_1(*given[:7], given[7].copy(), x_a, x_c, 2 * N, one)
     assert_array_equal(x_a if associate else x_c, best)
 
 
@@ -84,7 +85,7 @@ def test_together_each_chain_is_at_its_best_given_the_other_and_the_motions() ->
         given = case(seed)
         motions, x_a, x_c = given[7].copy(), np.zeros(N, dtype=np.int64), np.zeros(N, dtype=np.int64)
         # Two chains that wait for each other may also go round in circles.
-        if algorithm_1(*given[:7], motions, x_a, x_c, 200, True, True, True) > 200:
+        if algorithm_1(*given[:7], motions, x_a, x_c, 200, Inferred(True, True, True)) > 200:
             continue
         settled += 1
         at = (*given[:7], motions)
