@@ -36,7 +36,7 @@ Prior = tuple[FloatArray, FloatArray]
 class Prediction:
     """Where a scan is expected.
 
-    pose : (3,). covariance : (3, 3) of it, map frame. prior : pose and information of wheels, if they say so.
+    pose : (3,). covariance : (3, 3) of it, map frame. prior : it with the information that wheels give, if any.
     """
 
     pose: FloatArray
@@ -53,16 +53,26 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Match:
-    """A pose and how the scan agrees with the map there; odds : nat, that it was taken there."""
+    """A pose and how the scan agrees with the map there.
+
+    against : metres of outline, the map's or the scan's, that stand where the other saw through.
+    odds : nat, for the scan having been taken there.
+    """
 
     refined: Refined
     agreement: Agreement
+    against: float
     odds: float
 
     @property
     def share(self) -> float:
         """Agreeing share of the scan's outline; what the map does not know counts as not agreeing."""
         return self.agreement.share
+
+    @property
+    def reason(self) -> str:
+        """Why it is doubtful."""
+        return f"only {self.share:.0%} of the scan agrees with the map, and {self.against:.1f} m contradict"
 
     @property
     def believable(self) -> bool:
@@ -98,7 +108,7 @@ class MapMatcher:
         """
         best = self._laid(scan, expected, expected.pose, self._doubt)
         if expected.prior is not None and expected.against(best.refined.pose) > 1.0:
-            # Lines that tell little of the way along a corridor let a scan slide along it; wheels hold it.
+            # Lines that tell little of the way along a corridor let a scan slide along it; wheels hold it there.
             held = self._laid(scan, expected, expected.pose, self._doubt, expected.prior)
             best = max(best, held, key=_odds)
         if not best.sure:
@@ -156,13 +166,13 @@ class MapMatcher:
         """
         pose, surface = refined.pose, scan.surface
         agreement = weigh(surface, self.map.target, NOTHING_SEEN, pose, 0.1)
-        through = SPACING * float(np.count_nonzero(self.map.seen_through(scan.view, pose, CLEAR)))
+        against = SPACING * float(np.count_nonzero(self.map.seen_through(scan.view, pose, CLEAR)))
         odd = agreement.labels != 0
         points = transform_points(pose, surface.points[odd])
         standing = self._view.sight(points, self._view_pose, DOUBT) == THROUGH
-        through += float(surface.length[odd][standing].sum())
-        told = agreement.agreeing - UNKNOWN * agreement.unknown - AGAINST * through
-        return Match(refined, agreement, told / PIECE - expected.against(pose))
+        against += float(surface.length[odd][standing].sum())
+        told = agreement.agreeing - UNKNOWN * agreement.unknown - AGAINST * against
+        return Match(refined, agreement, against, told / PIECE - expected.against(pose))
 
 
 def _odds(match: Match) -> float:

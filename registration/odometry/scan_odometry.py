@@ -127,15 +127,17 @@ class ScanTracker:
         return self._accept(prepared, motion, guess is not None, match)
 
     def _expected(self, motion: FloatArray, wheels: bool) -> Prediction:
-        """Where a motion leads, and how surely. Who is lost has gone on without a map."""
+        """Where a motion leads, and how surely: the less, the longer the map has been lost.
+
+        Wheels err as any prediction where they stall or jump, however good they have been; what they hold is a prior.
+        """
         pose, doubt = compound(self.pose, motion), prediction_covariance(motion)
-        if not wheels:
+        prior = None
+        if wheels:
+            prior = pose, np.asarray(np.linalg.inv(self._wheel_covariance(motion) / EFFICIENCY))
+        else:
             doubt = doubt + self._habit.doubt
-        expected = Prediction(pose, in_frame((1.0 + self._lost) * doubt, -float(self.pose[2])))
-        if not wheels:
-            return expected
-        information = np.linalg.inv(self._wheel_covariance(motion) / EFFICIENCY)
-        return replace(expected, prior=(pose, np.asarray(information)))
+        return Prediction(pose, in_frame((1.0 + self._lost) * doubt, -float(self.pose[2])), prior)
 
     def _wheel_covariance(self, motion: FloatArray) -> FloatArray:
         """(3, 3) of where a motion leads that wheels tell of, odometry frame."""
@@ -166,10 +168,10 @@ class ScanTracker:
             found = self._spare_matcher.find(scan, expected, self.pose)
             if found.believable:
                 return self._follow(scan, motion, found.refined, found.share)
-        reason = f"only {match.share:.0%} of the scan agrees with the map: the pose is predicted"
+        reason = f"{match.reason}: the pose is predicted"
         if not wheels and match.odds > self._matcher.kept(scan, expected, match).odds:
             motion = between(self.pose, match.refined.pose)
-            reason = f"only {match.share:.0%} of the scan agrees with the map, but more than where it was predicted"
+            reason = f"{match.reason}, but less than where it was predicted"
         step = self._predict(motion, wheels, reason, match.share)
         self._spare.clear()
         self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
@@ -243,7 +245,7 @@ class ScanTracker:
         self._matcher.saw(scan.view, self.pose)
         static = scan.surface.points[match.agreement.labels == 0]
         sure = match.odds > 0.0
-        reason = "" if sure else f"only {match.share:.0%} of the scan agrees with the map"
+        reason = "" if sure else match.reason
         if refined.open_directions:
             opened = f"{refined.open_directions} of 3 directions of motion are open"
             reason = f"{opened}: the prediction is kept there"

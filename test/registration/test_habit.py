@@ -37,7 +37,7 @@ def test_a_smooth_run_at_a_rate_goes_on_as_before_and_may_come_to_rest() -> None
 def test_its_doubt_is_that_of_the_motions_from_what_was_expected() -> None:
     rng = np.random.default_rng(2)
     sigma = np.array([0.08, 0.08, 0.3])
-    habit = walked([1.0, 0.0, 0.0] + rng.normal(0.0, sigma, (400, 3)))
+    habit = walked(rng.normal([1.0, 0.0, 0.0], sigma, (400, 3)))
     assert habit.regular
     np.testing.assert_allclose(np.sqrt(np.diag(habit.doubt)), sigma, rtol=0.4)
     assert (np.diag(Habit().doubt) > 0.2).all(), "before anything was seen"
