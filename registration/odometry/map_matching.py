@@ -18,14 +18,18 @@ from registration.placement.correlative import candidates
 from registration.placement.refine import NO_PRIOR, Refined, lead, refine
 
 # Set on csail, an endless corridor and simulated floors, scans at a rate and a metre apart.
-PIECE = 0.7  # metres of outline that tell one nat: its points go wrong together, as they are of one wall
-# Metres of agreeing outline that one metre outweighs of which the map knows nothing, and that stands where it cannot.
+WORTH = 0.7  # metres of agreeing outline that tell one nat
+# Metres of agreeing outline that one metre outweighs of which the map knows nothing, and one that is contradicted.
 UNKNOWN, AGAINST = 0.33, 2.0
 TAIL = 2.0  # degrees of freedom of predictions' errors: how often they are many deviations off
 ACCEPT = -3.0  # nat, odds from which on a placement is believed
 SURE = 0.5  # share of the best odds any placement of a scan can have from which on none other is looked for
 NEAR_SEARCH = (1.2, math.radians(70.0), 2)  # metres, radians, levels
 WIDE_SEARCH = (2.8, math.pi, 4)
+HELD = 2.0  # nat against a placement from which on wheels are asked to hold the scan
+# Metres of outline whose points go wrong together, as they are of one wall; 1 m does about the same.
+PIECE = 0.5
+GROSS = 14.0  # nat, one in a million: how rarely wheels err as no covariance tells; 20 does the same
 SIGHT = 15.0  # metres around the prediction a search looks at
 CLEAR = SIGMAS * DOUBT  # metres a sensor stands off the plane of a line that it can see through
 
@@ -45,9 +49,7 @@ class Prediction:
 
     def against(self, pose: FloatArray) -> float:
         """Nat that speak against a pose (3,) as it is not where it is expected: those of Student's distribution."""
-        away = pose - self.pose
-        away[2] = wrap_angle(away[2])
-        square = float(away @ np.linalg.solve(self.covariance, away))
+        square = _square(pose, self.pose, np.asarray(np.linalg.inv(self.covariance)))
         return 0.5 * (TAIL + 3.0) * math.log1p(square / TAIL)
 
 
@@ -82,7 +84,7 @@ class Match:
     @property
     def sure(self) -> bool:
         """Whether the scan can hardly agree with any other place as much."""
-        return self.odds > SURE * self.agreement.length / PIECE
+        return self.odds > SURE * self.agreement.length / WORTH
 
 
 class MapMatcher:
@@ -107,10 +109,12 @@ class MapMatcher:
         last : (3,) where the sensor was last sure to be, which is searched around where all else fails.
         """
         best = self._laid(scan, expected, expected.pose, self._doubt)
-        if expected.prior is not None and expected.against(best.refined.pose) > 1.0:
+        if expected.prior is not None and expected.against(best.refined.pose) > HELD:
             # Lines that tell little of the way along a corridor let a scan slide along it; wheels hold it there.
             held = self._laid(scan, expected, expected.pose, self._doubt, expected.prior)
-            best = max(best, held, key=_odds)
+            there, kept = (0.5 * _square(one.refined.pose, *expected.prior) for one in (best, held))
+            if self.led(best, scan, held.refined.pose) <= min(there - kept, GROSS):
+                best = held
         if not best.sure:
             best = max([best, *self._search(scan, expected, expected.pose, NEAR_SEARCH)], key=_odds)
         if not best.believable:
@@ -172,8 +176,15 @@ class MapMatcher:
         standing = self._view.sight(points, self._view_pose, DOUBT) == THROUGH
         against += float(surface.length[odd][standing].sum())
         told = agreement.agreeing - UNKNOWN * agreement.unknown - AGAINST * against
-        return Match(refined, agreement, against, told / PIECE - expected.against(pose))
+        return Match(refined, agreement, against, told / WORTH - expected.against(pose))
 
 
 def _odds(match: Match) -> float:
     return match.odds
+
+
+def _square(pose: FloatArray, expected: FloatArray, information: FloatArray) -> float:
+    """Squared deviations of a pose (3,) from what is expected."""
+    away = pose - expected
+    away[2] = wrap_angle(away[2])
+    return float(away @ information @ away)

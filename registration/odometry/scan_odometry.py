@@ -24,7 +24,7 @@ from registration.laser.scan import Scan
 from registration.laser.surface import Surface, scan_surface
 from registration.laser.sweep import beam_shares
 from registration.odometry.habit import Habit
-from registration.odometry.map_matching import MapMatcher, Match, Prediction
+from registration.odometry.map_matching import GROSS, MapMatcher, Match, Prediction
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
@@ -33,7 +33,6 @@ from registration.placement.influence import borrowed
 from registration.placement.refine import EFFICIENCY, Refined
 
 DRIFT = 0.1  # share of a keyframe's covariance that stays: the map takes the error in
-GROSS = 14.0  # nat, one in a million: how rarely wheels err as no covariance tells; 20 does the same
 LEAST_LINED = 15  # points on lines below which a scan is not registered
 # Share of the last motion that is expected next where nothing has told of it but itself, without wheels: a sensor that
 # has stopped meanwhile must not be driven on for ever.
