@@ -26,7 +26,7 @@ ACCEPT = -3.0  # nat, odds from which on a placement is believed
 SURE = 0.5  # share of the best odds any placement of a scan can have from which on none other is looked for
 NEAR_SEARCH = (1.2, math.radians(70.0), 2)  # metres, radians, levels
 WIDE_SEARCH = (2.8, math.pi, 4)
-HELD = 2.0  # nat against a placement from which on wheels are asked to hold the scan
+HELD = 1.0  # nat against a placement from which on wheels are asked to hold the scan
 # Metres of outline whose points go wrong together, as they are of one wall; 1 m does about the same.
 PIECE = 0.5
 GROSS = 14.0  # nat, one in a million: how rarely wheels err as no covariance tells; 20 does the same
