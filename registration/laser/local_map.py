@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
-from estimation.geometry.sight import THROUGH
+from estimation.geometry.sight import THROUGH, look
 from registration.laser.prepared import ScanView
 from registration.laser.surface import Surface
 from registration.laser.target_lines import CELL, EMPTY, TargetLines, bucket_of, fill, nearest
@@ -87,6 +87,16 @@ def _insert(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _seen_through(points, normals, pose, clear, ranges, angle_min, step, through):  # type: ignore[no-untyped-def]
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(points)):
+        dx, dy = points[k, 0] - pose[0], points[k, 1] - pose[1]
+        through[k] = False
+        if dx * dx + dy * dy < SIGHT * SIGHT and abs(normals[k, 0] * dx + normals[k, 1] * dy) >= clear:
+            through[k] = look(c * dx + s * dy, c * dy - s * dx, DOUBT, ranges, angle_min, step) == THROUGH
+
+
+@njit(cache=True)
 def _keep(element, normal, tilt, facing, hits, seen, count, x, y, radius, oldest):  # type: ignore[no-untyped-def]
     """Move what stays to the front; returns how many stay."""
     kept = 0
@@ -135,10 +145,17 @@ class LineMap:
         """Mean cosine between each element's normal and the beams that saw it, (M,); a view."""
         return self._facing
 
-    def seen_through(self, view: ScanView, pose: FloatArray) -> NDArray[np.bool_]:
-        """Which elements stand in space that a scan taken at `pose` (3,) saw through, (M,)."""
-        near = np.hypot(self.points[:, 0] - pose[0], self.points[:, 1] - pose[1]) < SIGHT
-        return near & (view.sight(self.points, pose, DOUBT) == THROUGH)
+    def seen_through(self, view: ScanView, pose: FloatArray, clear: float = 0.0) -> NDArray[np.bool_]:
+        """Which elements stand in space that a scan taken at `pose` (3,) saw through, (M,).
+
+        clear : metres the sensor stands at least off the plane of such an element. Of one that is seen edge on, an
+            error of the map decides on which side of it a beam passes.
+        """
+        through = np.empty(self._count, dtype=np.bool_)
+        _seen_through(
+            self.points, self._normals, pose, clear, view.ranges, view.angle_min, view.step, through
+        )  # fmt: skip
+        return through
 
     def clear(self) -> None:
         """Forget everything."""

@@ -1,69 +1,69 @@
-"""How a sensor moves from scan to scan, learned while it is followed: what to expect next.
+"""How a sensor moves from scan to scan without wheels, learned while it is followed: what to expect next, how surely.
 
-Without wheels the motion since the last scan is only a guess. Where scans come at a rate the last motion again is a
-good one; where a scan is kept per metre of path it is not, as every step is about as long as all the others but turns
-differ. There the sensor is taken to go on even where it is lost, and neighbouring scans share so little that little
-agreement has to do (`MapMatcher.find`).
+Where scans come at a rate the last motion again is a good guess of the next; where a scan is kept per metre of path it
+is not, as every step is about as long as all the others but turns differ. There what has erred less of late is
+expected. Elsewhere it would drive a sensor on that has stopped where nothing tells of it.
 """
 
 from __future__ import annotations
-
-from collections import deque
 
 import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import wrap_angle
 
-KEPT = 200  # motions remembered
-FEWEST = 15  # motions before anything is made of them
+MEMORY = 50  # motions over which it is learned; 200 do about the same
+FEWEST = 15  # motions before their median is made use of
 APART = 0.7  # metres between scans from which on they are taken to be kept by distance
-STEADY = 0.6  # a fifth of the motions may be shorter than this share of the median
+UNTRIED = 0.5  # m and radians, deviation from a guess before any was tried
 
 
 class Habit:
-    """Motions (3,) of sure steps, in the frame they start from.
+    """Median of the motions (3,) of sure steps, in the frame they start from, and how far off guesses have been.
 
-    steady : whether scans are kept by distance: the sensor never rests, and gets on far and about equally with each.
+    regular : whether scans are kept by distance, and that motion tells more about the next than the last one does.
     """
 
     def __init__(self) -> None:
-        self._motions = np.zeros((KEPT, 3))
         self._count = 0
-        self._errors: deque[tuple[float, float]] = deque(maxlen=KEPT)
+        self._motions = np.zeros((MEMORY, 3))
+        # Squared deviations of motions from what was typical before them, and from the motion before.
+        self._errors = np.zeros((MEMORY, 2, 3))
         self._typical = np.zeros(3)
-        self.steady = False
+        self.regular = False
 
     def learn(self, motion: FloatArray, last: FloatArray) -> None:
         """Take in a sure motion that followed `last`."""
-        self._motions[self._count % KEPT] = motion
+        at = self._count % MEMORY
+        self._motions[at] = motion
+        self._errors[at] = _squares(motion, self._typical), _squares(motion, last)
         self._count += 1
-        if self._count < FEWEST:
-            return
-        known = self._motions[: self._count]
-        distance = np.sort(np.hypot(known[:, 0], known[:, 1]))
-        middle = distance[len(distance) // 2]
-        self.steady = bool(middle > APART and distance[len(distance) // 5] > STEADY * middle)
-        if self.steady:
-            self._errors.append((_difference(motion, self._typical), _difference(motion, last)))
-            self._typical = np.median(known, axis=0)
+        known = min(self._count, MEMORY)
+        self._typical = _median(self._motions[:known])
+        typical, before = _median(self._errors[:known].sum(axis=2))
+        far = float(np.hypot(self._typical[0], self._typical[1])) > APART
+        self.regular = known >= FEWEST and far and bool(typical < before)
+
+    def expected(self, last: FloatArray) -> FloatArray:
+        """The motion (3,) to expect after `last`."""
+        return self._typical.copy() if self.regular else last
 
     @property
-    def regular(self) -> bool:
-        """Whether the typical motion tells more about the next than the last motion does.
-
-        It helps in a corridor without an end.
-        """
-        if len(self._errors) < FEWEST:
-            return False
-        habit, before = np.median(self._errors, axis=0)
-        return bool(habit < before)
-
-    def expected(self, last: FloatArray, lost: bool) -> FloatArray:
-        """The motion (3,) to expect after `last`, which is only a guess itself where the sensor is `lost`."""
-        return self._typical.copy() if self.steady and (lost or self.regular) else last
+    def doubt(self) -> FloatArray:
+        """(3, 3) covariance of a motion from what was expected."""
+        known = min(self._count, MEMORY)
+        total = self._errors[:known, 0 if self.regular else 1].sum(axis=0)
+        return np.diag((UNTRIED**2 + total) / (1.0 + known))
 
 
-def _difference(one: FloatArray, other: FloatArray) -> float:
-    """How far apart two motions are: m, a radian counting as a metre."""
-    return float(np.hypot(*(one[:2] - other[:2])) + abs(wrap_angle(float(one[2] - other[2]))))
+def _median(values: FloatArray) -> FloatArray:
+    """Median of each column; the upper of two in the middle."""
+    middle = len(values) // 2
+    return np.asarray(np.partition(values, middle, axis=0)[middle])
+
+
+def _squares(motion: FloatArray, expected: FloatArray) -> FloatArray:
+    """Squared deviations (3,) of a motion from what was expected, those of x and y alike."""
+    x, y, turn = (motion - expected).tolist()
+    across = 0.5 * (x * x + y * y)
+    return np.array([across, across, wrap_angle(turn) ** 2])

@@ -24,7 +24,7 @@ from registration.laser.scan import Scan
 from registration.laser.surface import Surface, scan_surface
 from registration.laser.sweep import beam_shares
 from registration.odometry.habit import Habit
-from registration.odometry.map_matching import FAR, GROSS, NEAR_SEARCH, SURE, MapMatcher, Match
+from registration.odometry.map_matching import GROSS, MapMatcher, Match, Prediction
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
@@ -33,8 +33,6 @@ from registration.placement.influence import borrowed
 from registration.placement.refine import EFFICIENCY, Refined
 
 DRIFT = 0.1  # share of a keyframe's covariance that stays: the map takes the error in
-# Metres, radians between wheels and the last motion from which both are tried: what saves a run where wheels jump.
-RIVAL = (0.25, 0.2)
 LEAST_LINED = 15  # points on lines below which a scan is not registered
 # Share of the last motion that is expected next where nothing has told of it but itself, without wheels: a sensor that
 # has stopped meanwhile must not be driven on for ever.
@@ -107,10 +105,7 @@ class ScanTracker:
 
         guess : (3,) motion from middle to middle. pace : (3,) motion in the sweep per such time, None as guessed.
         """
-        motion = guess if guess is not None else self._habit.expected(self._last, self._lost > 0)
-        if guess is None and abs(motion[2]) > NEAR_SEARCH[1]:
-            # Who turned so far between two scans has turned where he wanted.
-            motion = np.array([motion[0], motion[1], 0.0])
+        motion = guess if guess is not None else self._habit.expected(self._last)
         pace = motion if pace is None else pace
         # As seen from where the sensor was in the middle of its sweep.
         sweep = (pace, share) if share.any() else None
@@ -122,35 +117,30 @@ class ScanTracker:
         )
         if not len(self.map):
             return self._begin(prepared, motion, poor)
-        start = compound(self.pose, motion)
         if poor:
             return self._predict(motion, guess is not None, poor, 0.0)
-        astray = self._lost >= 2
-        # Wheels may jump after a gap, but not often: a place far from where they put the sensor has to show more.
-        far = FAR if guess is None else SURE
-        steady = guess is None and self._habit.steady
-        prior = None
-        if guess is not None:  # where wheels lead, and how much they tell
-            prior = start, np.asarray(np.linalg.inv(self._wheel_covariance(guess) / EFFICIENCY))
-        match, believable = self._matcher.find(
-            prepared, start, self._sure, far, astray or guess is None, steady, self._rival(guess), prior
-        )
-        if not believable:
-            return self._stray(prepared, motion, guess is not None, match)
+        expected = self._expected(motion, guess is not None)
+        match = self._matcher.find(prepared, expected, self._sure)
+        if not match.believable:
+            return self._stray(prepared, motion, expected, match)
         return self._accept(prepared, motion, guess is not None, match)
+
+    def _expected(self, motion: FloatArray, wheels: bool) -> Prediction:
+        """Where a motion leads, and how surely: the less, the longer the map has been lost.
+
+        Wheels err as any prediction where they stall or jump, however good they have been; what they hold is a prior.
+        """
+        pose, doubt = compound(self.pose, motion), prediction_covariance(motion)
+        prior = None
+        if wheels:
+            prior = pose, np.asarray(np.linalg.inv(self._wheel_covariance(motion) / EFFICIENCY))
+        else:
+            doubt = doubt + self._habit.doubt
+        return Prediction(pose, in_frame((1.0 + self._lost) * doubt, -float(self.pose[2])), prior)
 
     def _wheel_covariance(self, motion: FloatArray) -> FloatArray:
         """(3, 3) of where a motion leads that wheels tell of, odometry frame."""
         return in_frame(self._wheels.covariance(motion), -float(self.pose[2]))
-
-    def _rival(self, guess: FloatArray | None) -> FloatArray | None:
-        """Where the last motion leads, if wheels say something quite different: they may stall, catch up or jump."""
-        if guess is None or self._lost:
-            return None
-        away = between(guess, self._last)
-        if np.hypot(*away[:2]) < RIVAL[0] and abs(away[2]) < RIVAL[1]:
-            return None
-        return compound(self.pose, self._last)
 
     def _begin(self, scan: PreparedScan, motion: FloatArray, poor: str) -> Step:
         """Start a map here: at the first scan, and where the old map is of no use any more."""
@@ -167,20 +157,20 @@ class ScanTracker:
         increment = np.zeros(3) if first else motion
         return Step(increment, doubt, not reason, reason, 0.0 if reason else 1.0, static, doubt)
 
-    def _stray(self, scan: PreparedScan, motion: FloatArray, wheels: bool, match: Match) -> Step:
+    def _stray(self, scan: PreparedScan, motion: FloatArray, expected: Prediction, match: Match) -> Step:
         """A scan that is nowhere in the map: laid on those since the map was lost, else where it probably is.
 
         match : the best there is in the map.
         """
-        start = compound(self.pose, motion)
+        wheels = expected.prior is not None
         if len(self._spare):
-            found, believable = self._spare_matcher.find(scan, start, self.pose, FAR, not wheels)
-            if believable:
+            found = self._spare_matcher.find(scan, expected, self.pose)
+            if found.believable:
                 return self._follow(scan, motion, found.refined, found.share)
-        reason = f"only {match.share:.0%} of the scan agrees with the map: the pose is predicted"
-        if not wheels and self._matcher.outdoes_prediction(match, scan, start):
+        reason = f"{match.reason}: the pose is predicted"
+        if not wheels and match.odds > self._matcher.kept(scan, expected, match).odds:
             motion = between(self.pose, match.refined.pose)
-            reason = f"only {match.share:.0%} of the scan agrees with the map, but more than where it was predicted"
+            reason = f"{match.reason}, but less than where it was predicted"
         step = self._predict(motion, wheels, reason, match.share)
         self._spare.clear()
         self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
@@ -212,7 +202,7 @@ class ScanTracker:
     def _predict(self, motion: FloatArray, wheels: bool, reason: str, fitness: float) -> Step:
         self._lost += 1
         self.pose = compound(self.pose, motion)
-        self._last = motion if wheels or self._habit.steady else FADE * motion
+        self._last = motion if wheels else FADE * motion
         doubt = prediction_covariance(motion)
         if self._lost >= self.config.patience and not len(self._spare):
             self.map.clear()
@@ -230,12 +220,12 @@ class ScanTracker:
             doubt = self._wheel_covariance(motion)
             start = compound(before, motion)
             self.pose = fused(refined, start, doubt, loose, self._matcher.led(match, scan, start))
-            if not refined.open_directions and match.share >= SURE:
+            if not refined.open_directions and match.sure:
                 self._wheels.learn(motion, between(before, refined.pose))
         else:
             self.pose = refined.pose
         increment = between(before, self.pose)
-        if not wheels and found_before and match.share >= SURE and not refined.open_directions:
+        if not wheels and found_before and match.sure and not refined.open_directions:
             self._habit.learn(increment, self._last)
         self._last = FADE * increment if refined.open_directions and not wheels else increment
         self._travelled += float(np.hypot(*increment[:2]))
@@ -253,8 +243,8 @@ class ScanTracker:
         self._sure = self.pose
         self._matcher.saw(scan.view, self.pose)
         static = scan.surface.points[match.agreement.labels == 0]
-        sure = match.share >= FAR
-        reason = "" if sure else f"only {match.share:.0%} of the scan agrees with the map"
+        sure = match.odds > 0.0
+        reason = "" if sure else match.reason
         if refined.open_directions:
             opened = f"{refined.open_directions} of 3 directions of motion are open"
             reason = f"{opened}: the prediction is kept there"

@@ -55,9 +55,14 @@ class Agreement:
     labels: NDArray[np.int64]
 
     @property
+    def length(self) -> float:
+        """Metres of the whole outline."""
+        return self.agreeing + self.standing + self.unknown
+
+    @property
     def share(self) -> float:
         """Agreeing share of the outline, judged or not."""
-        return self.agreeing / max(self.agreeing + self.standing + self.unknown, 1e-9)
+        return self.agreeing / max(self.length, 1e-9)
 
 
 def weigh(

@@ -10,7 +10,7 @@ from registration import Odometry
 from registration.laser.local_map import LineMap
 from registration.laser.prepared import view_of
 from registration.laser.surface import scan_surface
-from whereabouts.simulation import Drive, Lidar, corridor, random_floor
+from whereabouts.simulation import Drive, Lidar, box, corridor, joined, random_floor
 
 CAMERA = Lidar(640, np.deg2rad(57.0), range_min=0.45, range_max=5.0, sigma=0.02)
 
@@ -46,3 +46,20 @@ def test_a_corridor_does_not_pull_a_noisy_narrow_view_along() -> None:
             off.append(np.hypot(*between(between(drive(0.0), pose), odometry.pose)[:2]))
         worst.append(max(off))
     assert max(worst) < 0.1
+
+
+def test_of_a_wall_seen_edge_on_a_scan_says_nothing_if_asked_to_stand_clear() -> None:
+    """The map bends by centimetres, so a beam that runs along a wall may pass it on either side."""
+    rng, lines = np.random.default_rng(14), LineMap(30.0, 30.0)
+    wide = Lidar(361, 2.0 * np.pi * 360 / 361)
+    walls = joined([box(12.0, 12.0), box(3.0, 0.2, (1.0, 1.0, 0.0))])
+    scan = wide.scan(walls, np.zeros(3), rng).scan
+    lines.add(scan_surface(scan, wide.sigma), view_of(scan), np.zeros(3), 0.0)
+    beside = np.array([-2.0, 1.0 - 0.1 - 0.05, 0.0])
+    empty = view_of(wide.scan(box(12.0, 12.0), beside, rng).scan)
+    wall = np.abs(lines.points[:, 1] - 0.9) < 0.05
+    assert lines.seen_through(empty, beside)[wall].mean() > 0.9
+    assert not lines.seen_through(empty, beside, 0.24)[wall].any()
+    opposite = np.array([-1.0, -3.0, 0.0])
+    empty = view_of(wide.scan(box(12.0, 12.0), opposite, rng).scan)
+    assert lines.seen_through(empty, opposite, 0.24)[wall].mean() > 0.9
