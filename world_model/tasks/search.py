@@ -29,6 +29,9 @@ from world_model.tasks.ways import Entrances
 
 METHODS = ("belief", "chain")
 LINKS = 40  # names that a chain may lead through
+# Least share of p(o | T) that counts, whatever is in view everywhere: without it paths double where relations were learned
+# by a camera that sees far (`experiment search`).
+FLOOR = 0.1
 SAME_OBJECT = 1.0  # metres that one object may seem to move between two looks
 LIKELY = 0.2  # probability of a place from which on the search goes there first
 LEAST = 0.1  # share of a room's floor that may stay unseen: corners, and what stands in front of them
@@ -93,7 +96,7 @@ def worths(relations: Relations, target: str, room: str, chain_share: float) -> 
     def both_ways(others: IntArray) -> tuple[FloatArray, FloatArray]:
         """(N, M) of what counts of p(name | other), and of sqrt(p(name | other) p(other | name))."""
         there, back = relations.block(every, others, room), relations.block(others, every, room).T
-        telling = np.maximum(there - everywhere, 0.0) / np.maximum(1.0 - everywhere, 1e-9)
+        telling = np.maximum((there - everywhere) / np.maximum(1.0 - everywhere, 1e-9), FLOOR * there)
         return np.sqrt(telling * back), np.sqrt(there * back)
 
     # What a chain leads through is not in view yet: it may be common where it is.
