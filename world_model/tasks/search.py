@@ -29,8 +29,8 @@ from world_model.tasks.ways import Entrances
 
 METHODS = ("belief", "chain")
 LINKS = 40  # names that a chain may lead through
-# Least share of p(o | T) that counts, whatever is in view everywhere: without it paths double where relations were learned
-# by a camera that sees far (`experiment search`).
+# Least share of p(o | T) that counts, whatever is in view everywhere: without it paths double where relations were
+# learned by a camera that sees far (`experiment search`).
 FLOOR = 0.1
 SAME_OBJECT = 1.0  # metres that one object may seem to move between two looks
 LIKELY = 0.2  # probability of a place from which on the search goes there first
