@@ -8,7 +8,7 @@ import pytest
 from harness import Graph
 from test_declared_interfaces import node_class
 
-from whereabouts.cli.robot import parameters
+from whereabouts.cli.robot_setup import parameters
 from whereabouts.node_names import NODES
 
 

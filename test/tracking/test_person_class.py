@@ -15,7 +15,7 @@ from evaluation.people.people_class_training import ClassExamples, balanced, cal
 from tracking.mixture.target import Target
 from tracking.people import people_shape
 from tracking.people.legs import FEATURES
-from tracking.people.person_class import AVERAGED, CARD, NAMES, ClassEvidence, ScanView, class_model, rows_of
+from tracking.people.person_class import AVERAGED, CARD, NAMES, ClassEvidence, ScanLook, class_model, rows_of
 
 
 def target_at(x: float, y: float = 0.0) -> Target:
@@ -24,7 +24,7 @@ def target_at(x: float, y: float = 0.0) -> Target:
 
 def looks(
     count: int, dt: float, rng: np.random.Generator
-) -> tuple[ClassEvidence, ScanView, list[SimpleNamespace]]:
+) -> tuple[ClassEvidence, ScanLook, list[SimpleNamespace]]:
     """Evidence of a target that walks along x and shows two legs, and what it was made of."""
     evidence, seen = ClassEvidence(np.array([1.0, 0.0])), []
     for k in range(count):
@@ -41,7 +41,7 @@ def looks(
             clusters=SimpleNamespace(features=rng.uniform(0.0, 1.0, (5, len(FEATURES)))),
         )
         rows = rows_of(scan)  # type: ignore[arg-type]
-        evidence.look(ScanView(scan, rows, np.zeros(3), dt, dt * k, True), np.arange(2), target_at(x), 2)  # type: ignore[arg-type]
+        evidence.look(ScanLook(scan, rows, np.zeros(3), dt, dt * k, True), np.arange(2), target_at(x), 2)  # type: ignore[arg-type]
         seen.append(scan)
     return evidence, seen
 
@@ -84,7 +84,7 @@ def test_who_is_not_seen_changes_nothing() -> None:
     before = evidence.features(target_at(2.0))
     none = np.zeros(0, dtype=np.int64)
     evidence.look(
-        ScanView(None, np.zeros((0, len(AVERAGED))), np.zeros(3), 0.1, 9.0, True), none, target_at(3.0), 0
+        ScanLook(None, np.zeros((0, len(AVERAGED))), np.zeros(3), 0.1, 9.0, True), none, target_at(3.0), 0
     )  # type: ignore[arg-type]
     assert evidence.features(target_at(2.0)) == before
     assert evidence.last_seen == pytest.approx(0.9)
@@ -99,7 +99,7 @@ def test_who_looks_at_rest_carries_nothing_and_who_drives_carries_what_he_passes
     poses = [np.zeros(3)] * 3 + [np.array([1.0, 0.5, -0.2]), np.array([2.0, 1.0, -0.8])]
     carried = []
     for k, pose in enumerate(poses):
-        evidence.look(ScanView(seen, rows, pose, 0.1, 0.1 * k, True), np.arange(2), target_at(3.0), 0)  # type: ignore[arg-type]
+        evidence.look(ScanLook(seen, rows, pose, 0.1, 0.1 * k, True), np.arange(2), target_at(3.0), 0)  # type: ignore[arg-type]
         carried.append(evidence.features(target_at(3.0))[NAMES.index("carried")])
     assert carried[:3] == [0.0, 0.0, 0.0]
     in_scanner = [compound(inverse(pose), np.array([3.0, 0.0, 0.0]))[:2] for pose in poses]
@@ -107,7 +107,7 @@ def test_who_looks_at_rest_carries_nothing_and_who_drives_carries_what_he_passes
     evidence.shift(np.array([1.0, -2.0, 0.7]))
     moved = compound(np.array([1.0, -2.0, 0.7]), np.array([3.0, 0.0, 0.0]))
     pose = compound(np.array([1.0, -2.0, 0.7]), poses[-1])
-    evidence.look(ScanView(seen, rows, pose, 0.1, 0.5, True), np.arange(2), target_at(*moved[:2]), 0)  # type: ignore[arg-type]
+    evidence.look(ScanLook(seen, rows, pose, 0.1, 0.5, True), np.arange(2), target_at(*moved[:2]), 0)  # type: ignore[arg-type]
     assert evidence.carried == pytest.approx(carried[-1])
 
 

@@ -15,12 +15,12 @@ from evaluation.phd.phd_recorded import config_of
 from evaluation.phd.target_scores import Score, labels_kept
 from evaluation.scenes.targets import TargetSensor, cross_and_spawn, joined_tracks, straight
 from tracking import ExtendedTargetPhd, PhdConfig
+from tracking.mixture.birth_seeds import ReturnLooks
 from tracking.mixture.components import Components, IntArray
 from tracking.mixture.global_hypotheses import Hypotheses
 from tracking.mixture.hypothesis_kernels import single_linkage
 from tracking.mixture.phd_models import ConstantVelocityMotion, Labels
 from tracking.mixture.pmbm import PmbmRecursion
-from tracking.mixture.sources import ReturnLooks
 
 BIRTHS = [(0.1, [0.0, 0.0, 0.0, 0.0], np.diag([400.0, 400.0, 25.0, 25.0]))]
 

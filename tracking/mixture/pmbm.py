@@ -15,6 +15,7 @@ from scipy.special import chdtri
 
 from estimation.checks import FloatArray
 from tracking.mixture import association_kernels as kernels
+from tracking.mixture.birth_seeds import Predicted, ReturnLooks, Seeds, narrow_places, seeds_among
 from tracking.mixture.components import Components, IntArray, shift_components
 from tracking.mixture.correction_kernels import Exactness, States, correct
 from tracking.mixture.global_hypotheses import Alternative, Hypotheses
@@ -22,7 +23,6 @@ from tracking.mixture.hypothesis_kernels import connected, squares
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import ConstantVelocityMotion, Detection, Labels, Sight, detect
 from tracking.mixture.reduction import Reducer, sound
-from tracking.mixture.sources import Predicted, ReturnLooks, Seeds, narrow_places, seeds_among
 from tracking.mixture.target import HypothesisExtractor, Target
 
 # Sweeps of the association; they settle in three or four.

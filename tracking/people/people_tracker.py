@@ -22,11 +22,11 @@ from estimation.geometry.poses import between, compound, inverse, transform_poin
 from registration.laser.own_body import OwnBody
 from registration.laser.range_noise import RangeNoise
 from registration.laser.scan import Scan
+from tracking.mixture.birth_seeds import ReturnLooks
 from tracking.mixture.components import IntArray
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import Detection
 from tracking.mixture.pmbm import PmbmRecursion
-from tracking.mixture.sources import ReturnLooks
 from tracking.mixture.target import Target
 from tracking.people.cluster_model import KINDS, SHAPE, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people.free_space import Background
@@ -35,7 +35,7 @@ from tracking.people.legs import clusters_of
 from tracking.people.people_config import PeopleConfig
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
-from tracking.people.person_class import SHORT, ClassEvidence, ClassModel, ScanView, class_model, rows_of
+from tracking.people.person_class import SHORT, ClassEvidence, ClassModel, ScanLook, class_model, rows_of
 
 PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
@@ -308,7 +308,7 @@ class PeopleTracker:
         )
         nearest = gaps.argmin(0) if len(found) else np.zeros(len(seen.places), dtype=int)
         stamp = float(self.stamp or 0.0)
-        view = ScanView(seen, rows_of(seen), pose, dt, stamp, self._held >= HELD)
+        view = ScanLook(seen, rows_of(seen), pose, dt, stamp, self._held >= HELD)
         nearer = nearest == np.arange(len(found))[:, None]
         around = ((gaps < 1.5) & ~nearer).sum(1).tolist()
         mine = [row.nonzero()[0] for row in nearer & (gaps < BELONGS)]

@@ -52,7 +52,7 @@ _CLUSTER = [
 ]
 
 
-class ScanView(NamedTuple):
+class ScanLook(NamedTuple):
     """A scan as looked at: clusters and what is averaged of each, (K, len(AVERAGED)) by `rows_of`; pose (3,) of the
     scanner, whether it is known, stamp, and dt since the scan before, s."""
 
@@ -108,7 +108,7 @@ class ClassEvidence:
     carried: float = 0.0
     first_pose: FloatArray | None = None
 
-    def look(self, view: ScanView, whose: IntArray, target: Target, around: int) -> None:
+    def look(self, view: ScanLook, whose: IntArray, target: Target, around: int) -> None:
         """Takes in a scan in which the clusters `whose` are the target's, none: not seen, and `around` others near."""
         if not len(whose):
             return

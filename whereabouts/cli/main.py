@@ -16,7 +16,7 @@ from whereabouts.cli.console import console
 from whereabouts.cli.convert import convert
 from whereabouts.cli.mcp import mcp
 from whereabouts.cli.odometry import odometry
-from whereabouts.cli.robot import doctor, parameters, security, setup
+from whereabouts.cli.robot_setup import doctor, parameters, security, setup
 from whereabouts.cli.run import run
 from whereabouts.cli.segment import segment
 from whereabouts.cli.short import find, forget, load_map, save_map
