@@ -1,7 +1,7 @@
 """Symbols: predicate grounding relations, and object symbols such as `cup-3` (section 2.4.1).
 
-A predicate symbol stands for a region of attribute space. How probably it holds of an object follows from the
-distributions of the object's attributes.
+A predicate symbol stands for a region of attribute space. Both directions are answered: how probably a symbol holds
+of an object, from the distributions of its attributes; and which distributions a symbol stands for.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -23,7 +24,18 @@ from world_model.evidence import Distribution
 from world_model.symbols_file import Interval, Predicate, Quantity, read_relations
 
 Gaussian = tuple[float, float]  # Mean and variance of one quantity, SI units
+OPEN_END = 0.5
+"""An interval without upper end is taken to be this much of its lower end wide, where a distribution is asked for."""
 SYMBOL = re.compile(r"(.+)-(\d+)")
+
+
+@dataclass(frozen=True)
+class Grounding:
+    """What symbols stand for. discrete : {attribute: {value: probability}}. continuous : {quantity: (mean, variance)},
+    moments of the uniform distribution over the symbol's ranges."""
+
+    discrete: Mapping[str, Mapping[str, float]]
+    continuous: Mapping[str, Gaussian]
 
 
 class Symbols:
@@ -108,6 +120,40 @@ class Symbols:
         """Predicates that are values of a discrete attribute."""
         return [name for name, item in self.predicates.items() if item.attribute == attribute]
 
+    # Attributes of symbols.
+
+    def grounding(self, symbols: Iterable[str]) -> Grounding:
+        """Attribute distributions that symbols stand for together: of "a small red cup", as evidence or to search for.
+
+        A word that is no predicate is a class name. Raises InputError for symbols that exclude each other.
+        """
+        discrete: dict[str, dict[str, float]] = {}
+        continuous: dict[str, Gaussian] = {}
+        for symbol in symbols:
+            attribute, values = self._values(symbol)
+            known = discrete.get(attribute)
+            both = values if known is None else [value for value in values if value in known]
+            if not both:
+                raise InputError(f"predicate {symbol!r} excludes {', '.join(known or ())}")
+            discrete[attribute] = {value: 1.0 / len(both) for value in both}
+            predicate = self.predicates.get(symbol)
+            for name, intervals in predicate.where.items() if predicate else ():
+                continuous[name] = _moments(intervals)
+        return Grounding(discrete, continuous)
+
+    def _values(self, symbol: str) -> tuple[str, list[str]]:
+        """The attribute that a symbol speaks of, and the values that it allows."""
+        predicate = self.predicates.get(symbol)
+        if predicate is None:
+            return "class", [symbol]
+        if not predicate.any:
+            return predicate.attribute, [symbol]
+        parts = [self._values(part) for part in predicate.any]
+        attributes = sorted({attribute for attribute, _ in parts})
+        if len(attributes) > 1:
+            raise InputError(f"predicate {symbol!r} speaks of several attributes: {', '.join(attributes)}")
+        return attributes[0], [value for _, values in parts for value in values]
+
     # Perception.
 
     def perceived(
@@ -189,3 +235,16 @@ def _inside(quantity: Quantity, intervals: Iterable[Interval], mean: float, vari
     shifts = [turn * period - mean % period for turn in range(-reach, reach + 1)]
     masses = (interval_mass(low + s, high + s, 0.0, variance) for low, high in intervals for s in shifts)
     return min(sum(masses), 1.0)
+
+
+def _moments(intervals: Iterable[Interval]) -> Gaussian:
+    """Mean and variance of the uniform distribution over intervals."""
+    bounds = [
+        (low, high if math.isfinite(high) else low + max(OPEN_END * abs(low), 1e-3))
+        for low, high in intervals
+    ]
+    lengths = np.array([high - low for low, high in bounds])
+    share = lengths / lengths.sum()
+    centres = np.array([0.5 * (low + high) for low, high in bounds])
+    mean = float(share @ centres)
+    return mean, float(share @ (lengths**2 / 12 + (centres - mean) ** 2))

@@ -76,6 +76,22 @@ def test_sizes_and_shapes_of_the_text(size: float, ratio: float, expected: set[s
     assert set(held) == expected
 
 
+def test_symbols_give_distributions_that_give_the_symbols_back() -> None:
+    symbols = default_symbols()
+    found = symbols.grounding(["small", "red", "cup"])
+    assert found.discrete == {"size": {"small": 1.0}, "color": {"red": 1.0}, "class": {"cup": 1.0}}
+    mean, variance = found.continuous["size"]
+    assert (mean, variance) == (pytest.approx(0.075), pytest.approx(0.15**2 / 12.0))
+    for word in ("small", "red", "cup"):
+        assert symbols.probability(word, found.discrete) == 1.0
+    for colour in symbols.of_attribute("color"):
+        quantities = {name: (m, 1e-6) for name, (m, _) in symbols.grounding([colour]).continuous.items()}
+        assert symbols.probability(colour, {}, quantities) > 0.999
+    assert symbols.grounding(["dish", "cup"]).discrete == {"class": {"cup": 1.0}}
+    with pytest.raises(InputError, match=r"'red' excludes.*blue"):
+        symbols.grounding(["blue", "red"])
+
+
 def test_vectors_are_unpacked_and_checked() -> None:
     symbols = default_symbols()
     found = symbols.unpacked("hsv", [1.0, 0.5, 0.6], np.diag([0.01, 0.02, 0.03]).ravel())
