@@ -16,6 +16,7 @@ from world_model.anchoring.loops.kernels import (
 )
 from world_model.anchoring.loops.leaves import MOVING, REST
 
+RECENT = 0.5  # s: a sensor does not move far in this time
 OUT_OF_GATE = -60.0  # log density below which a detection is of something else
 
 
@@ -30,7 +31,7 @@ def touch(leaves, active, seen, spread, sensor, known, silent, motion, chosen, c
     """
     stamp, lag, positions = seen.stamp, seen.lag, seen.positions
     count = 0
-    x = np.empty(3)
+    wider, x = sensor.copy(), np.empty(3)
     for k in range(active.size):
         i = active[k]
         pi = leaves.behavior[i]
@@ -57,9 +58,13 @@ def touch(leaves, active, seen, spread, sensor, known, silent, motion, chosen, c
             if known:
                 # What has settled must be surely inside: a wrong look would be repeated.
                 margin = 3.0 if leaves.hits[i] >= SETTLED_HITS else 1.5
+                # Of what was seen just now it is known that the sensor reaches so far.
+                wider[5] = sensor[5]
+                if leaves.hits[i] < SETTLED_HITS and stamp - leaves.last[i] < RECENT:
+                    wider[5] += margin * sigma + 0.06
                 inside = np.inf
                 for planar in (False, True):
-                    inside = min(inside, clearance(x, sensor, planar))
+                    inside = min(inside, clearance(x, wider, planar))
                 view = min(max((inside - margin * sigma - 0.01) / 0.05, 0.0), 1.0)
         # What may begin to move while it is looked for is found a little farther away.
         reach = 6.0 * sigma + (0.0 if moves else motion[row, 3] * min(dt, 0.5) * 3.0)
