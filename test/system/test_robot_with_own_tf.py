@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from harness import START, Graph, Robot, scan_message
 from tf2_msgs.msg import TFMessage
@@ -95,7 +96,10 @@ def test_set_up_and_run_without_a_parameter_by_hand(driven: tuple[Path, np.ndarr
     assert miss(tree, truth) < 0.05
     # The wheels alone are far worse, so it is scan registration that helps, by its messages.
     wheels = (tmp_path / "wheels.yaml").absolute()
-    wheels.write_text(settings.read_text().replace("odometry_source: auto", "odometry_source: tf"))
+    written = yaml.safe_load(settings.read_text())
+    assert written["/**/loop_closure"]["ros__parameters"]["odometry_source"] == "auto"
+    written["/**/loop_closure"]["ros__parameters"]["odometry_source"] = "tf"
+    wheels.write_text(yaml.safe_dump(written))
     assert miss(run(bag, tmp_path / "wheels.mcap", "--config", str(wheels)), truth) > 0.05
 
 
