@@ -77,7 +77,7 @@ def test_alignment_never_reflects():
 
 
 @pytest.mark.parametrize("size", [3, 6])
-def test_ate_agrees_with_evo(size):
+def test_ate_and_rpe_agree_with_evo(size):
     trajectory = pytest.importorskip("evo.core.trajectory")
     evo = pytest.importorskip("evo.core.metrics")
     truth, noisy = walk(np.random.default_rng(3), 80, size)
@@ -94,6 +94,43 @@ def test_ate_agrees_with_evo(size):
         ours = metrics.absolute_trajectory_error(noisy[:, :dimension], truth[:, :dimension], align)
         assert ours.rmse == pytest.approx(ape.get_statistic(evo.StatisticsType.rmse), rel=1e-6)
         assert ours.max == pytest.approx(ape.get_statistic(evo.StatisticsType.max), rel=1e-6)
+    for relation, name in (("translation_part", "translation"), ("rotation_angle_rad", "rotation")):
+        for delta, pairs in ((1, True), (7, True), (5, False)):
+            rpe = evo.RPE(evo.PoseRelation[relation], delta, evo.Unit.frames, all_pairs=pairs)
+            rpe.process_data(tuple(paths))
+            ours = metrics.relative_pose_error(noisy, truth, delta, all_pairs=pairs)
+            np.testing.assert_allclose(getattr(ours, name), rpe.error, atol=1e-7)
+
+
+@pytest.mark.parametrize("size", [3, 6])
+def test_rpe_is_that_of_the_definition(size):
+    truth, noisy = walk(np.random.default_rng(4), 40, size)
+    T, N = pose_to_matrix(truth), pose_to_matrix(noisy)
+    path = [0.0]
+    for a, b in itertools.pairwise(T):
+        path.append(path[-1] + np.linalg.norm(b[:-1, -1] - a[:-1, -1]))
+    ours = metrics.relative_pose_error(N, T, 1.5, "metres")
+    expected = []
+    for i in range(40):
+        far = [j for j in range(i, 40) if path[j] - path[i] >= 1.5]
+        if far:
+            E = np.linalg.inv(np.linalg.inv(T[i]) @ T[far[0]]) @ np.linalg.inv(N[i]) @ N[far[0]]
+            full = np.eye(3)
+            full[: size // 3 + 1, : size // 3 + 1] = E[:-1, :-1]
+            expected.append((np.linalg.norm(E[:-1, -1]), Rotation.from_matrix(full).magnitude(), i, far[0]))
+    expected = np.array(expected)
+    np.testing.assert_allclose(ours.translation, expected[:, 0], atol=1e-9)
+    np.testing.assert_allclose(ours.rotation, expected[:, 1], atol=1e-9)
+    np.testing.assert_array_equal(ours.pairs, expected[:, 2:])
+    chained = metrics.relative_pose_error(noisy, truth, 1.5, "metres", all_pairs=False).pairs
+    np.testing.assert_array_equal(chained[1:, 0], chained[:-1, 1])
+
+
+def test_rpe_of_evenly_spaced_poses_is_not_thrown_by_rounding():
+    poses = np.zeros((101, 3))
+    poses[:, 0] = np.arange(101) * 0.1
+    pairs = metrics.relative_pose_error(poses, poses, 1.0, "metres").pairs
+    assert (pairs[:, 1] - pairs[:, 0] == 10).all()
 
 
 def test_relations_of_the_truth_are_zero_and_offsets_are_found():
@@ -172,6 +209,9 @@ def test_ospa_and_gospa_are_the_minimum_over_permutations(X, Y, c, p, alpha):
         (lambda: metrics.ospa([], [], 0, 1), "c"),
         (lambda: metrics.ospa([], [], 1, 0.5), "p"),
         (lambda: metrics.gospa([], [], 1, 1, 3), "alpha"),
+        (lambda: metrics.relative_pose_error(np.zeros((5, 3)), np.zeros((5, 3)), 9), "delta"),
+        (lambda: metrics.relative_pose_error(np.zeros((5, 3)), np.zeros((4, 3))), "estimate and reference"),
+        (lambda: metrics.relative_pose_error(np.zeros((5, 3)), np.zeros((5, 3)), 1, "km"), "unit"),
         (lambda: metrics.relations_error(np.zeros((5, 4)), [[9, 9, 0, 0, 0]]), "relations"),
         (lambda: metrics.associate([2.0, 1.0], [1.0], 1), "stamps"),
         (lambda: metrics.absolute_trajectory_error(np.zeros((3, 2)), np.zeros((4, 2))), "estimate and"),
