@@ -115,13 +115,18 @@ def test_after_warming_up_nothing_is_compiled() -> None:
     assert compiled() == before
 
 
-def test_thresholds_hold_by_class() -> None:
+def test_thresholds_and_weights_hold_by_class() -> None:
     cup, key = thing("cup-1", 4.0, 0.0), thing("key-1", -4.0, 0.0, attributes={"class": {"key": 1.0}})
     state = world(cup, key)
     strict = MaintenanceConfig(information_gain_threshold=0.5, tour=0.0, class_thresholds={"cup": 50.0})
     task = Maintenance(strict).next_task(state, np.zeros(3), [CAMERA])
     assert task is not None
     assert task.object_id == "key-1"
+    for weights, first in (({}, "cup-1"), ({"key": 2.0}, "key-1"), ({"cup": 0.1}, "key-1")):
+        config = MaintenanceConfig(information_gain_threshold=0.5, tour=0.0, class_weights=weights)
+        task = Maintenance(config).next_task(state, np.zeros(3), [CAMERA])
+        assert task is not None
+        assert task.object_id == first
     both = MaintenanceConfig(information_gain_threshold=0.5, class_thresholds={"cup": 50.0, "key": 50.0})
     assert Maintenance(both).next_task(state, np.zeros(3), [CAMERA]) is None
 
@@ -173,6 +178,9 @@ def test_actions_of_table_3_1_ask_for_a_look_at_their_object() -> None:
         "navigate_to_location": False,
         "release": False,
     }
+    other = Maintenance(MaintenanceConfig(verified_actions=("open",)))
+    assert other.before("open", "cup-1")
+    assert not other.before("grab", "cup-1")
     # Two actions on one object are one look.
     assert [trigger.object_id for trigger in maintenance.queue] == ["cup-1"]
 

@@ -25,7 +25,7 @@ from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from world_model.state import OUTCOMES, WorldObject, WorldState
 from world_model.tasks.looks import Looks, Sensor, looks_at
-from world_model.tasks.maintenance_config import VERIFIED_ACTIONS, MaintenanceConfig
+from world_model.tasks.maintenance_config import MaintenanceConfig
 from world_model.tasks.maintenance_kernels import single_gains
 from world_model.tasks.maintenance_options import TOUR, TWO_LOOKS, Options, View, looked_at_now, options, tour
 from world_model.tasks.ways import Ways
@@ -105,7 +105,7 @@ class Maintenance:
 
     def before(self, action: str, object_id: str) -> bool:
         """A component is about to act on an object: queue a look where Table 3.1 asks for one; whether it does."""
-        wanted = action in VERIFIED_ACTIONS
+        wanted = action in self.config.verified_actions
         if wanted:
             self.trigger(object_id, action)
         return wanted

@@ -17,7 +17,8 @@ VERIFIED_ACTIONS = ("grab", "navigate_to_object")
 class MaintenanceConfig:
     """Settings of `Maintenance`; each field's metadata has its unit, meaning and allowed range.
 
-    class_thresholds : {class: nat} that replace the threshold.
+    class_thresholds, class_weights : {class: value} that replace the threshold and multiply the gain.
+    verified_actions : names of actions before which their object is looked at (Table 3.1).
     """
 
     information_gain_threshold: float = setting(
@@ -50,12 +51,13 @@ class MaintenanceConfig:
     process_noise: float = setting(
         1e-4, "m²/s", "growth of the position's variance for objects that state none", 0.0, 1e3
     )
+    verified_actions: tuple[str, ...] = VERIFIED_ACTIONS
     class_thresholds: Mapping[str, float] = field(default_factory=dict)
+    class_weights: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_settings(self)
-        for label, value in self.class_thresholds.items():
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(
-                    f"class_thresholds[{label!r}]: a number of at least 0 expected, got {value!r}"
-                )
+        for name in ("class_thresholds", "class_weights"):
+            for label, value in getattr(self, name).items():
+                if not (math.isfinite(value) and value >= 0.0):
+                    raise InputError(f"{name}[{label!r}]: a number of at least 0 expected, got {value!r}")

@@ -77,8 +77,11 @@ def options(
     good = found[:, 0] > 0.0
     items, kinds, found, goals, lengths = items[good], kinds[good], found[good], goals[good], lengths[good]
     costs = np.array([sensor.cost for sensor in looks.sensors])[kinds]
+    weights = np.array(
+        [config.class_weights.get(looks.objects[k].most_probable("class"), 1.0) for k in items]
+    )
     own, gain = found[:, 0], found[:, 1]
-    worth = own + config.company * (gain - own)
+    worth = weights * own + config.company * (gain - own)
     utility = worth / config.information_gain_norm - config.weight * (lengths + costs) / config.cost_scale
     return Options(items, kinds, own, gain, found[:, 2], lengths, goals, utility)
 
