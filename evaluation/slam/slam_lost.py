@@ -38,7 +38,7 @@ NOTE = (
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LostDrive:
     """What became of one. mapped : share of it. found : metres until a pose was confirmed, and whether it was wrong.
     wrong : metres on which a wrong pose was told."""
 
@@ -59,7 +59,7 @@ def table(options: RunOptions, report: Report) -> None:
     report.add("Lost in half a map", COLUMNS, rows, NOTE, "lost", data="left out", samples=samples)
 
 
-def _row(name: str, drives: list[Outcome]) -> list[object]:
+def _row(name: str, drives: list[LostDrive]) -> list[object]:
     known = [drive.found for drive in drives if drive.mapped >= 0.8]
     elsewhere = [drive.found for drive in drives if drive.mapped < 0.2]
     after = [found[0] for found in known if found is not None]
@@ -85,7 +85,7 @@ def _floor(seed: int) -> Followed:
     return Followed(records, poses, covariances, poses, 0.0)
 
 
-def _drives(log: Followed) -> list[Outcome]:
+def _drives(log: Followed) -> list[LostDrive]:
     """What became of each drive in the second half of a log, in the map of its first."""
     half = len(log.records) // 2
     slam = Slam(thin=True, every_scan=True)
@@ -99,7 +99,7 @@ def _drives(log: Followed) -> list[Outcome]:
     return [_driven(slam.keyframes, poses, truth, log, start) for start in starts]
 
 
-def _driven(places: Keyframes, poses: Array, truth: Array, log: Followed, start: int) -> Outcome:
+def _driven(places: Keyframes, poses: Array, truth: Array, log: Followed, start: int) -> LostDrive:
     """A drive from scan `start` on.
 
     poses, truth (N, 3) : of the map's keyframes, in the map and by the reference.
@@ -122,4 +122,4 @@ def _driven(places: Keyframes, poses: Array, truth: Array, log: Followed, start:
             far = bool(np.hypot(*off[:2]) > WRONG[0] or abs(off[2]) > WRONG[1])
             wrong += far * step
             found = (path, far) if found is None and said.sure else found
-    return Outcome(float(np.mean(mapped)), found, wrong)
+    return LostDrive(float(np.mean(mapped)), found, wrong)

@@ -13,7 +13,7 @@ from rclpy.executors import ExternalShutdownException
 from std_msgs.msg import Bool
 
 from whereabouts.logs import RawMessage
-from whereabouts.nodes.live.searching import ACTION, Search, Searches
+from whereabouts.nodes.live.searching import ACTION, RunningSearch, Searches
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.ros.executor import private_node
 from whereabouts.nodes.ros.qos import LATCHED
@@ -69,7 +69,7 @@ class Director:
         self._verify_at, self._search_at = verify_at, search_at
         self._now = 0.0
         self._base_taken = False
-        self._running: Search | None = None
+        self._running: RunningSearch | None = None
         self.note: Callable[[str], None] = lambda name: None
         self.is_over: Callable[[str], bool] | None = None
 
@@ -146,7 +146,7 @@ class Director:
     def _is_over(self) -> bool:
         return self.is_over is not None and self.is_over(results_name(self._action, mark_of(self._me)))
 
-    def _end(self, search: Search) -> None:
+    def _end(self, search: RunningSearch) -> None:
         self._running = None
         if not _until(lambda: search.result is not None):
             return

@@ -18,7 +18,7 @@ from whereabouts.console.shown import Shown
 from whereabouts.console.sources import ConsoleError, StoreSource
 from whereabouts.messages.cdr import UnreadableTypeError, reader
 from whereabouts.nodes.live.live_actions import goal_for
-from whereabouts.nodes.live.searching import Search, Searches
+from whereabouts.nodes.live.searching import RunningSearch, Searches
 from whereabouts.nodes.messages.message_types import definition, message_class
 from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.qos import LATCHED, best_effort
@@ -49,7 +49,7 @@ class LiveSource:
         self._lock = threading.Lock()
         self._count = 0
         self._search: Shown | None = None
-        self._running: Search | None = None
+        self._running: RunningSearch | None = None
         self._ended = threading.Event()
         self.unusable: Counter[str] = Counter()
         for topic, name in TOPICS.items():

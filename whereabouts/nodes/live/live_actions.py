@@ -9,7 +9,7 @@ from typing import Any
 
 from estimation.errors import InputError
 from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError
-from whereabouts.nodes.live.searching import Search, Searches
+from whereabouts.nodes.live.searching import RunningSearch, Searches
 from whereabouts.nodes.messages.stamps import seconds
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import ForgetObject, LoadMap, RelabelObject, SaveMap, TriggerVerification
@@ -97,7 +97,7 @@ def find(
         searches.destroy()
 
 
-def _cancel(client: Client, search: Search) -> None:
+def _cancel(client: Client, search: RunningSearch) -> None:
     client.until(search.answered.done)
     if search.answered.done() and search.result is None:
         search.cancel()

@@ -16,7 +16,7 @@ from whereabouts_msgs.action import FindObject
 ACTION = "find_object"
 
 
-class Search:
+class RunningSearch:
     """One search. answered : done once it is known whether it is accepted. result : None until it has ended."""
 
     def __init__(self, answered: Future, ended: Callable[[FindObject.Result], None]) -> None:
@@ -67,13 +67,13 @@ class Searches:
         goal: FindObject.Goal,
         told: Callable[[FindObject.Feedback], None] = lambda step: None,
         ended: Callable[[FindObject.Result], None] = lambda result: None,
-    ) -> Search:
+    ) -> RunningSearch:
         """Have it searched for. told : called with each step. ended : with the result, also where it is refused."""
 
         def hear(message: Any) -> None:
             told(message.feedback)
 
-        return Search(self._client.send_goal_async(goal, hear, goal_id(self._me)), ended)
+        return RunningSearch(self._client.send_goal_async(goal, hear, goal_id(self._me)), ended)
 
     def destroy(self) -> None:
         """Before the node goes on without it."""
