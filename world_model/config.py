@@ -105,9 +105,9 @@ class WorldModelConfig:
     )
     clutter_per_frame: float = setting(0.2, "", "mean number of false detections per observation", 0.0, 1e4)
     new_objects_per_second: float = setting(
-        0.02, "1/s", "mean number of objects that appear in the region per second", 1e-9, 1e4
+        5e-3, "1/s", "mean number of objects that appear in the region per second", 1e-9, 1e4
     )
-    removed_per_second: float = setting(1e-3, "1/s", "rate at which an object is taken away", 0.0, 100.0)
+    removed_per_second: float = setting(1e-4, "1/s", "rate at which an object is taken away", 0.0, 100.0)
     initial_objects: float = setting(
         10.0, "", "expected number of objects in the region at the start", 1e-6, 1e5
     )

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from estimation.geometry.places import Places
 from evaluation.demo import pictures
 from evaluation.demo.belief_judging import SAME
-from evaluation.demo.demo_suite import rates
 from evaluation.demo.files import files_of
 from evaluation.demo.judging import (
     Identities,
@@ -70,7 +69,6 @@ class Judged:
     people: SceneJudgement
     people_stamps: Array
     things: Identities
-    shipped: Identities
     run: DemoRun
     bag: Path = Path()
 
@@ -91,7 +89,6 @@ def judge(recording: Path, bag: Path, run: DemoRun) -> Judged:
         people,
         stamps,
         judge_things(truth, said.worlds),
-        judge_things(truth, said.shipped),
         run,
         bag,
     )
@@ -125,9 +122,6 @@ def figures(judged: Judged) -> dict[str, Any]:
         "things_kept_name": things.kept,
         "identity_switches": things.switches,
         "thing_error_m": _mean(things.errors),
-        "shipped_things_right": judged.shipped.right,
-        "shipped_things_extra": judged.shipped.extra,
-        "shipped_identity_switches": judged.shipped.switches,
         "processor_s_per_bag_s": sum(u.seconds for u in run.usage.values()) / max(account.bag_seconds, 1e-9),
         "memory_proportional_mib": sum(u.proportional for u in run.usage.values()),
     }
@@ -234,13 +228,6 @@ def summary(found: Mapping[str, Any], judged: Judged) -> list[Row]:
             right,
         ),
         Row(
-            "the same with the shipped rates",
-            f"{found['shipped_things_right']} of {found['things']}, {len(found['shipped_things_extra'])} too many, "
-            f"{found['shipped_identity_switches']} changes of a name",
-            "all, none",
-            found["shipped_things_right"] == found["things"] and not found["shipped_things_extra"],
-        ),
-        Row(
             "things that end under their first name",
             f"{found['things_kept_name']} of {found['things']}, {found['identity_switches']} changes on the way",
             "all",
@@ -332,11 +319,8 @@ def _things(page: Page, folder: Path, judged: Judged, home: Any) -> None:
     if found.extra:
         page.text(f"Believed in at the end, and nothing: {', '.join(found.extra)}.")
     page.text(
-        "The world model of this run was told how good its camera is and how often things come and go at home. "
-        "These rates were chosen on this day. A second world model heard the same and kept the shipped rates."
+        "The world model has its shipped rates: nobody told it how good its camera is or how often things come and go."
     )
-    given = [(name, f"{own:g}", f"{shipped:g}") for name, (own, shipped) in rates(folder).items()]
-    page.table(("rate", "given here", "shipped"), given, numbers=True)
 
 
 def _missing(page: Page, folder: Path, judged: Judged, home: Any) -> None:

@@ -5,9 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from whereabouts.node_interfaces import NODE_INTERFACES
-from whereabouts.parameters.world_model import WorldModelParameters
-from whereabouts.simulation.home.apartment_camera import Camera
 from whereabouts.simulation.home.apartment_day import LOOK_RATE, THINGS
 from whereabouts.simulation.home.floor_plan import places_file
 
@@ -23,23 +20,11 @@ RECORDED = [
     ("verification_tasks", "whereabouts_msgs/msg/VerificationTask"),
     ("evidence", "whereabouts_msgs/msg/WorldEvidence"),
     ("diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
-    ("shipped/world_state", "whereabouts_msgs/msg/WorldState"),
 ]
-BESIDE = "/shipped"
-"""Namespace of a second world model, which hears the same and keeps the rates that are shipped."""
-RATES = (
-    "detection_probability",
-    "clutter_per_frame",
-    "class_accuracy",
-    "new_objects_per_second",
-    "removed_per_second",
-)
-"""What the demo's world model is told of its camera and its home."""
 
 
 def parameters(folder: Path) -> dict[str, dict[str, Any]]:
     """Parameters by node, on top of the shipped files. folder : for the world model's memory."""
-    camera = Camera()
     items = [item for item, _ in THINGS.values()]
     places = str(places_file())
     return {
@@ -49,12 +34,6 @@ def parameters(folder: Path) -> dict[str, dict[str, Any]]:
         "motion_predictor": {"rate": 2.0},
         "world_model": {
             "rate_hz": float(LOOK_RATE),
-            "detection_probability": camera.detected,
-            "clutter_per_frame": camera.false_per_look,
-            "class_accuracy": camera.accuracy,
-            # A home: about one thing an hour is new, and what is gone has rather been carried to another room.
-            "new_objects_per_second": 3e-4,
-            "removed_per_second": 1e-4,
             "classes": sorted({item.kind for item in items} | {"person", "other"}),
             "colors": sorted({item.color for item in items}),
             "region": [-2.0, 9.0, -5.5, 6.2, -0.2, 2.0],
@@ -72,21 +51,3 @@ def parameters(folder: Path) -> dict[str, dict[str, Any]]:
         "verifier": {},
         "object_search": {"places_file": places, "together_distance": 1.5},
     }
-
-
-def shipped_parameters(folder: Path) -> dict[str, Any]:
-    """Those of the second world model: the same home, the shipped rates."""
-    given = parameters(folder)["world_model"]
-    return {name: value for name, value in given.items() if name not in (*RATES, "store_path")}
-
-
-def shipped_remappings() -> dict[str, str]:
-    """The second world model listens where the first one does."""
-    inputs = [item.name for item in NODE_INTERFACES["world_model"] if item.way.startswith("in")]
-    return {name: f"/{name}" for name in inputs}
-
-
-def rates(folder: Path) -> dict[str, tuple[float, float]]:
-    """What the demo's world model was given of `RATES`, and what is shipped."""
-    given, shipped = parameters(folder)["world_model"], WorldModelParameters()
-    return {name: (float(given[name]), float(getattr(shipped, name))) for name in RATES}

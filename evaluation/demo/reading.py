@@ -77,13 +77,12 @@ class Task:
 
 @dataclass
 class Said:
-    """From the recording. shipped : worlds of the second world model."""
+    """From the recording."""
 
     replayed: Replayed
     people: dict[float, list[Tracked]] = field(default_factory=dict)
     paths: dict[float, list[SaidPrediction]] = field(default_factory=dict)
     worlds: dict[float, tuple[WorldObject, ...]] = field(default_factory=dict)
-    shipped: dict[float, tuple[WorldObject, ...]] = field(default_factory=dict)
     tasks: list[Task] = field(default_factory=list)
     grid: Grid | None = None
 
@@ -125,7 +124,6 @@ def read_said(recording: Path) -> Said:
         "targets": _take_targets,
         "predicted_paths": _take_paths,
         "world_state": lambda said, *news: take_world(said.worlds, *news),
-        "shipped/world_state": lambda said, *news: take_world(said.shipped, *news),
         "verification_tasks": _take_task,
         "evidence": _take_evidence,
         "map": _take_map,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from evaluation.demo.demo_report import DemoRun
-from evaluation.demo.demo_suite import BESIDE, RECORDED, parameters, shipped_parameters, shipped_remappings
+from evaluation.demo.demo_suite import RECORDED, parameters
 from evaluation.demo.files import begin_in
 from evaluation.demo.live.demo_director import Director
 from evaluation.process_usage import UsageMeter
@@ -53,8 +53,6 @@ def replay(
     begin_in(folder)
     recording = folder / "recording.mcap"
     specs = [replay_spec(name, **given) for name, given in parameters(folder).items()]
-    beside = replay_spec("world_model", BESIDE, **shipped_parameters(folder))
-    specs.append(replace(beside, remappings=shipped_remappings()))
     meter = UsageMeter()
     script = script or full_script()
     with Director(script.wanted, script.verify_at, script.search_at) as director:
@@ -79,7 +77,7 @@ def replay(
                 director.is_over = lambda name: replayer.sent_by_nodes(name) > 0
             director.look(message)
             nodes = run.supervisor.nodes.items()
-            meter.look({name: node.process.pid for name, node in nodes if not name.startswith(BESIDE)})
+            meter.look({name: node.process.pid for name, node in nodes})
 
         run.on_message = between
         account = run_suite(run)

@@ -141,7 +141,8 @@ def test_agrees_with_every_history(detection: float, clutter: float, apart: floa
         model = WorldModel(settings(detection, clutter))
         for k, look in enumerate(looks):
             # The enumeration takes the density of objects as known.
-            model._anchors.unseen.found = 0
+            unseen = model._anchors.unseen
+            unseen.found, unseen.exposure = np.zeros(2), np.zeros(2)
             given = [
                 ObjectEvidence(z, SIGMA**2 * np.eye(3), {"class": dict(zip(CLASSES, d, strict=True))})
                 for z, d in look

@@ -74,22 +74,30 @@ class Association:
         self._hide(measured, chosen, clear, sensor)
         matrix, missing = np.empty((count, M)), np.empty((count, 2))
         weigh(leaves, chosen, clear, seen, self._classes, anchors.detector, matrix, missing)
-        seen = self._with_origins(seen, measured, chosen, born, clutter)
+        room = self._room(seen, measured, chosen)
+        seen = self._with_origins(seen, measured, room * born.sum(0), clutter)
         usual = float(np.median(spread)) if M else anchors.config.measurement_sigma
         reach = TOUCHING * usual if self.merging else 0.0
-        return Look(seen, born, gap, reach, chosen, clear, matrix, missing)
+        return Look(seen, born, gap, room, reach, chosen, clear, matrix, missing)
+
+    def _room(self, seen: Detections, measured: Measurements, chosen: IntArray) -> FloatArray:
+        """Probability (M,) that something new can be at each detection: it is not inside of a body."""
+        room = np.array(measured.begins, dtype=np.float64)
+        if len(room):
+            bodies = np.array([slot for slot in chosen.tolist() if self._is_shown(slot)], np.int64)
+            room *= free(
+                self.anchors.leaves, bodies, seen.positions, seen.covariances, self.anchors.quantities
+            )
+        return room
 
     def _with_origins(
-        self, seen: Detections, measured: Measurements, chosen: IntArray, born: FloatArray, clutter: float
+        self, seen: Detections, measured: Measurements, born: FloatArray, clutter: float
     ) -> Detections:
-        """The detections with how probable it is that each is new or false, (2.6): nothing new is inside of a body."""
+        """The detections with how probable it is that each is new or false, (2.6)."""
         anchors, view = self.anchors, measured.view
-        found = born * anchors.config.detection_probability * np.array(measured.begins, dtype=np.float64)
+        found = anchors.config.detection_probability * born
         false = None if view is None else view.density(seen.positions, seen.covariances)
         lying = np.full(len(found), clutter) if false is None else anchors.config.clutter_per_frame * false
-        if len(found):
-            bodies = np.array([slot for slot in chosen.tolist() if self._is_shown(slot)], np.int64)
-            found = found * free(anchors.leaves, bodies, seen.positions, seen.covariances, anchors.quantities)
         both = np.maximum(found + lying, 1e-300)
         return seen._replace(log_new=np.log(both), existence=found / both)
 
@@ -178,7 +186,7 @@ class Association:
 
     @staticmethod
     def _track(number: int, look: Look, j: int) -> Track:
-        return Track(number, number, born=float(look.born[j]), unwatched=float(look.gap[j]))
+        return Track(number, number, born=look.born[:, j], unwatched=float(look.gap[j]))
 
     def _expect_company(self, look: Look, which: IntArray) -> None:
         """Far more unexplained detections than clutter ever makes are new objects that came together."""
@@ -189,7 +197,7 @@ class Association:
         share = 1.0 / (1.0 + np.exp(min(log_usual - log_burst, 700.0)))
         together = share * n / (n + clutter)
         existence = look.seen.existence
-        existence[which] = np.where(existence[which] > 0.0, np.maximum(existence[which], together), 0.0)
+        existence[which] = np.maximum(existence[which], together * look.room[which])
 
     def _linked(
         self, hard: set[int], owners: list[int], gated: npt.NDArray[np.bool_]

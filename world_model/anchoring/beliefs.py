@@ -81,7 +81,6 @@ class Beliefs:
             return
         if not track.recognised:
             track.recognised = True
-            anchors.unseen.found += 1
             anchors.fresh.append(track.number)
             return
         if track.id is None:

@@ -69,15 +69,19 @@ class Recognition:
             # However often it is detected: it is a part of what is known to be there.
             self.objects.remove(track)
             return
-        new = anchors.best_leaf(track)
+        new, carried = anchors.best_leaf(track), 0.0
         named = [other for other in known if other.number in anchors.tracks]
         if named and new >= 0:
             slots = np.array([anchors.best_leaf(other) for other in named])
             named = [other for other, slot in zip(named, slots, strict=True) if slot >= 0]
             slots = slots[slots >= 0]
-            for index in candidates(self.odds(slots, new, track)):
+            odds = self.odds(slots, new, track)
+            carried = float(odds.sum())
+            for index in candidates(odds):
                 if number in anchors.tracks:
                     self._add_alternatives(track, named[index])
+        # What was carried here is no new object.
+        anchors.unseen.found += track.born / max(track.born.sum(), 1e-300) / (1.0 + carried)
         if number in anchors.tracks:
             self.beliefs.show([anchors.tracks[number].cluster])
 
@@ -89,7 +93,7 @@ class Recognition:
         gone = self._away(slots, anchors.motion[rows, 2], float(leaves.first[new]))
         back = 1.0 - np.exp(-track.unwatched / RETURN_SECONDS)
         alike = agreement(leaves.attributes[slots], leaves.attributes[new], anchors.vocabulary.blocks)
-        values: FloatArray = gone * back / anchors.unseen.volume / max(track.born, 1e-300) * alike
+        values: FloatArray = gone * back / anchors.unseen.volume / max(track.born.sum(), 1e-300) * alike
         values[leaves.last[slots] >= leaves.first[new]] = 0.0
         own = leaves.values[new : new + 1], leaves.variances[new : new + 1]
         values *= np.exp(anchors.quantities.log_factors(leaves, slots, *own)[:, 0])

@@ -2,6 +2,9 @@
 
 New objects form a Poisson process in time and space. Where the sensor looks it finds them, so that few are left
 undetected; where it has not looked for long more may have appeared. Cells over the region in x and y.
+
+How many there are at first, and how often new ones come, is learned: what is configured is what each is expected to be
+before anything was seen, a Gamma distribution of shape 1.
 """
 
 from __future__ import annotations
@@ -25,7 +28,11 @@ ENOUGH = 50  # detections that show where a detector reports anything at all
 
 
 class Unseen:
-    """Expected undetected objects per cell (nx, ny), and when each cell was last looked at (s)."""
+    """Expected undetected objects per cell (2, nx, ny), of those from the beginning and of those that came later, as
+    configured, and when each cell was last looked at (s).
+
+    found, exposure (2,) : how many were found of each kind, and how many should have been as configured.
+    """
 
     def __init__(self, config: WorldModelConfig) -> None:
         self.region = np.array(config.region, dtype=float)
@@ -44,14 +51,14 @@ class Unseen:
     def reset(self) -> None:
         """As before the first look."""
         shape = self.centres.shape[:2]
-        self.expected: FloatArray = np.full(shape, self.config.initial_objects / (shape[0] * shape[1]))
+        self.expected: FloatArray = np.zeros((2, *shape))
+        self.expected[0] = self.config.initial_objects / (shape[0] * shape[1])
         self.looked: FloatArray = np.full(shape, -np.inf)
         self.stamp: float | None = None
         self.box: FloatArray | None = None
         self.volume = 1.0
         self.count = 0
-        self.found = 0
-        self.exposure = 0.0
+        self.found, self.exposure = np.zeros(2), np.zeros(2)
         self.awaited = 0.0
 
     def _grow_box(self, positions: FloatArray, spread: FloatArray) -> None:
@@ -75,7 +82,7 @@ class Unseen:
         stamp: float,
         view: CameraView | None = None,
     ) -> tuple[FloatArray, FloatArray, float]:
-        """Densities of undetected objects at detections (M,) and of clutter, 1/m³, and for how long nobody had
+        """Densities of undetected objects at detections (2, M) and of clutter, 1/m³, and for how long nobody had
         looked there (M,), s; then take the look in.
 
         spread (M,) m: standard deviation in z. view : what of the sensor's cone it could see.
@@ -84,17 +91,17 @@ class Unseen:
         elapsed = 0.0 if self.stamp is None else max(stamp - self.stamp, 0.0)
         self.stamp = stamp if self.stamp is None else max(stamp, self.stamp)
         self._grow_box(positions, spread)
-        arrivals = config.new_objects_per_second * elapsed / self.expected.size
-        left = np.exp(-config.removed_per_second * elapsed)
-        self.expected = self.expected * left + arrivals
+        cell_count = self.looked.size
+        self.expected *= np.exp(-config.removed_per_second * elapsed)
+        self.expected[1] += config.new_objects_per_second * elapsed / cell_count
         height = float(self.region[2, 1] - self.region[2, 0])
         area = float(np.prod(self.size))
-        surface = area * self.expected.size
+        surface = area * cell_count
         if self.box is not None and self.count >= ENOUGH:
             extent = self.box[:, 1] - self.box[:, 0]
             height = min(height, float(extent[2])) if height > 0.0 else float(extent[2])
             surface = min(surface, float(extent[0] * extent[1]))
-        shares = cells_in_view(self.centres, self.size, sensor) if known else np.ones(self.expected.shape)
+        shares = cells_in_view(self.centres, self.size, sensor) if known else np.ones(self.looked.shape)
         # False detections fall anywhere in the cone, also where a thing would be hidden or too small.
         seen = area * float(shares.sum())
         if view is not None and not silent:
@@ -102,11 +109,11 @@ class Unseen:
         volume = max(min(surface, seen) if seen > 0.0 else surface, area) * height
         cells = self.cells(positions)
         scale = self.scale
-        density = scale * self.expected[cells] / (area * height)
+        density = scale[:, None] * self.expected[:, *cells] / (area * height)
         gap = np.maximum(stamp - self.looked[cells], elapsed)
-        self.volume = area * self.expected.size * height
-        awaited = config.detection_probability * float((shares * self.expected).sum())
-        self.awaited = scale * awaited
+        self.volume = area * cell_count * height
+        awaited = config.detection_probability * (shares * self.expected).sum((1, 2))
+        self.awaited = float(scale @ awaited)
         if not silent:
             self.exposure += awaited
             self.expected *= 1.0 - config.detection_probability * shares
@@ -122,16 +129,14 @@ class Unseen:
             shares[cells] *= view.cells(self.centres[cells], heights, self._small)
 
     @property
-    def scale(self) -> float:
-        """How many times more objects were found than expected: a Gamma prior on their density, of weight 1."""
-        return max((1.0 + self.found) / (1.0 + self.exposure), 1.0)
+    def scale(self) -> FloatArray:
+        """How many times more objects of each kind (2,) there are than configured."""
+        return (1.0 + self.found) / (1.0 + self.exposure)
 
     def cells(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Indices of the cells of positions (M, 3), the nearest where outside."""
         at = ((positions[:, :2] - self.region[:2, 0]) / self.size).astype(np.int64)
-        return np.clip(at[:, 0], 0, self.expected.shape[0] - 1), np.clip(
-            at[:, 1], 0, self.expected.shape[1] - 1
-        )
+        return np.clip(at[:, 0], 0, self.looked.shape[0] - 1), np.clip(at[:, 1], 0, self.looked.shape[1] - 1)
 
 
 def sensor_array(sensor: SensorCone | None) -> FloatArray:

@@ -20,8 +20,6 @@ from world_model import WorldEvidence
 
 Array = NDArray[np.float64]
 
-DESCRIBED = ("rate_hz", "classes", "colors", "region", "places_file", "store_path")
-"""What the world model is told: how often the camera looks, what there is, where, and the file of its memory."""
 REACH = 4.0
 """m up to which the camera finds things; it sees a metre farther."""
 NOBODY = {"class_names": ["person", "other"], "class_values": [1e6, 1e6]}
@@ -32,7 +30,7 @@ def live_parameters(folder: Path) -> dict[str, dict[str, Any]]:
     """Parameters by node, on top of the shipped files. folder : for the world model's memory."""
     recorded = parameters(folder)
     nothing: dict[str, dict[str, Any]] = {name: {} for name in recorded}
-    world = {name: recorded["world_model"][name] for name in DESCRIBED}
+    world = recorded["world_model"]
     return nothing | {
         "world_model": world,
         "world_maintenance": {

@@ -5,7 +5,7 @@ Independent groups keep hypotheses of their own, so that cost adds up instead of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,16 +18,16 @@ from world_model.state import Box
 class Track:
     """One anchor: its number, its symbol once it is believed in, and whether a verification found it missing.
 
-    born : density of undetected objects where it was first seen, 1/m³; unwatched : for how long nobody had looked
-    there, s. recognised : whether it has been compared with what was carried away. region : where it may be once it is
-    lost, None for anywhere.
+    born : densities (2,) of undetected objects where it was first seen, 1/m³, see `Unseen`; unwatched : for how long
+    nobody had looked there, s. recognised : whether it has been compared with what was carried away. region : where it
+    may be once it is lost, None for anywhere.
     """
 
     number: int
     cluster: int
     id: str | None = None
     lost: bool = False
-    born: float = 0.0
+    born: FloatArray = field(default_factory=lambda: np.zeros(2))
     unwatched: float = np.inf
     recognised: bool = False
     region: Box | None = None
