@@ -20,9 +20,7 @@ from world_model.memory.routine_kernels import recall
 
 HOUR, DAY = 3600.0, 86400.0
 PLACES = ("cupboard", "table", "sink", "shelf")
-FLAT = RoutinesConfig(
-    half_life=1e9, window=0.0, clock=1e9, differs=0.0, stay=1e9, origin=0.0, prior=1e-9, threshold=0.0
-)
+FLAT = RoutinesConfig(half_life=1e9, window=0.0, clock=1e9, differs=0.0, stay=1e9, prior=1e-9, threshold=0.0)
 """Every day at the same time of day counts the same: forecasts are plain counts."""
 
 
@@ -365,23 +363,22 @@ def test_courses_are_drawn_as_probably_as_they_are() -> None:
 
 @pytest.mark.parametrize("every", [1, 400])
 def test_what_is_derived_from_a_course_fits_it(every: int) -> None:
-    """Before and since, after many gaps were filled anew, are what the places alone say; looks may be days apart."""
+    """Since, after many gaps were filled anew, is what the places alone say; looks may be days apart."""
     rng = np.random.default_rng(7)
     routines = Routines()
     for number, row in enumerate(household(30)):
         if number % every == 0:
             at([row], routines, [str(rng.choice(PLACES))] if every == 1 else PLACES)
     mug = routines._known.things["mug"]
-    place, before, since, _ = (each[:, mug] for each in routines._known.history)
+    place, since, _ = (each[:, mug] for each in routines._known.history)
     last = routines._known.last
     moves = 0
     for slot in range(routines._known.first + 1, last + 1):
         if place[slot] == place[slot - 1]:
-            assert (before[slot], since[slot]) == (before[slot - 1], since[slot - 1])
+            assert since[slot] == since[slot - 1]
         else:
             moves += 1
             assert since[slot] == slot
-            assert before[slot] == (place[slot - 1] if place[slot - 1] >= 0 else before[slot - 1])
     assert moves > 30
     assert not routines._known.history.sure[last + 1 :].any()
 
@@ -408,10 +405,11 @@ def test_explanation_says_where_when_and_how_often() -> None:
 
 
 def test_what_older_versions_kept_is_read() -> None:
-    """They named two more weights, which had no effect."""
+    """They named more weights, and of each stay the place before, which had no effect."""
     routines, _ = learned(5)
     kept = routines.to_dict()
-    older = {**kept, "config": {**kept["config"], "recent": 0.0, "moved": 36000.0}}
+    older = {**kept, "config": {**kept["config"], "recent": 0.0, "moved": 36000.0, "origin": 1.2}}
+    older["objects"] = [each | {"stays": [[*stay, -1] for stay in each["stays"]]} for each in kept["objects"]]
     assert Routines.from_dict(older).to_dict() == kept
     with pytest.raises(InputError, match="half_life"):
         Routines.from_dict({**kept, "config": {}} | {"config": {"slot": 600.0, "days": 5}})

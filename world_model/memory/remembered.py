@@ -26,8 +26,8 @@ class RoutinesConfig:
     slot : s, resolution of time. days : that are remembered; what is older is gone. half_life : days until a moment
     counts half. window, clock : largest difference and deviation of the time of day, s. differs : log weight of a
     thing that was elsewhere than now. stay : deviation of the log of how long the thing itself has been there.
-    origin : log weight of its having come from elsewhere. prior : days that the general rate of moves counts for.
-    threshold : of the probability from which on `moves` tells of a move.
+    prior : days that the general rate of moves counts for. threshold : of the probability from which on `moves` tells
+    of a move.
     """
 
     slot: float = 600.0
@@ -37,7 +37,6 @@ class RoutinesConfig:
     clock: float = 900.0
     differs: float = 0.8
     stay: float = 0.7
-    origin: float = 1.2
     prior: float = 0.3
     threshold: float = 0.35
 
@@ -186,14 +185,14 @@ class Remembered:
 
     def set(self, thing: int, place: int) -> None:
         """The thing is at another place than it was, or nobody knows where (-1)."""
-        row = self.last % len(self.looked)
-        history, was = self.history, int(self.history.place[row, thing])
-        if was >= 0:
-            history.before[row, thing] = was
-        history.place[row, thing], history.since[row, thing] = place, self.last
+        history, rows = self.history, len(self.looked)
+        row = self.last % rows
         if place >= 0:
             self.been[place, thing] = True
-            self._moves += history.before[row, thing] not in (-1, place)
+            at = self.last if history.place[row, thing] >= 0 else int(history.since[row, thing]) - 1
+            known = at >= max(self.first, self.last - rows + 1)
+            self._moves += known and history.place[at % rows, thing] not in (-1, place)
+        history.place[row, thing], history.since[row, thing] = place, self.last
 
     def last_seen(self, thing: int) -> tuple[int, int]:
         """Slot and place where a thing was last known to be (-1: not remembered)."""
@@ -244,9 +243,9 @@ class Remembered:
         }  # fmt: skip
 
     def _stays(self, thing: int, slots: Array) -> list[list[int]]:
-        """First slot remembered, since, place, before."""
-        place, before, since, _ = (each[slots % len(self.looked), thing] for each in self.history)
-        table = np.column_stack([slots, since, place, before]).astype(np.int64)
+        """First slot remembered, since, place."""
+        rows = slots % len(self.looked)
+        table = np.column_stack([slots, self.history.since[rows, thing], self.history.place[rows, thing]])
         changed = np.ones(len(table), bool)
         changed[1:] = np.any(table[1:, 1:] != table[:-1, 1:], axis=1)
         return table[changed].tolist()
@@ -269,10 +268,10 @@ class Remembered:
         for kept in data["objects"]:
             thing = self.column(kept["name"])
             self.seen[thing] = -np.inf if kept["seen"] is None else kept["seen"]
-            runs = np.array(kept["stays"], np.int64).reshape(-1, 4)
+            # Older files have a fourth number, the place before, which is not used.
+            runs = np.array([stay[:3] for stay in kept["stays"]], np.int64).reshape(-1, 3)
             run = np.searchsorted(runs[:, 0], slots, side="right") - 1
-            for into, column in zip(self.history[:3], (2, 3, 1), strict=True):
-                into[rows, thing] = runs[run, column]
+            self.history.since[rows, thing], self.history.place[rows, thing] = runs[run, 1:].T
             self.been[np.unique(runs[runs[:, 2] >= 0, 2]), thing] = True
             there = self.history.place[rows, thing] >= 0
             self.history.sure[rows, thing] = unpacked(kept["sure"], len(slots)) if "sure" in kept else there
@@ -298,5 +297,5 @@ def _finite(value: float) -> float | None:
 
 def _empty(rows: int, things: int) -> History:
     """A history in which nothing is known."""
-    nowhere = np.full((rows, things), -1, np.int16)
-    return History(nowhere, nowhere.copy(), np.zeros_like(nowhere, np.int32), np.zeros_like(nowhere, bool))
+    shape = rows, things
+    return History(np.full(shape, -1, np.int16), np.zeros(shape, np.int32), np.zeros(shape, bool))

@@ -20,12 +20,11 @@ FAR = 12.0  # largest squared deviation of the stay: a moment is never ruled out
 class History(NamedTuple):
     """Where N things were, over a ring of R rows: slot t of time is row t mod R.
 
-    place : (R, N) index of the place, -1 where nobody knows. before : (R, N) the place it was at before that, or -1.
-    since : (R, N) the slot in which it came, or went missing. sure : (R, N) whether it was seen in a slot.
+    place : (R, N) index of the place, -1 where nobody knows. since : (R, N) the slot in which it came, or went missing.
+    sure : (R, N) whether it was seen in a slot.
     """
 
     place: np.ndarray
-    before: np.ndarray
     since: np.ndarray
     sure: np.ndarray
 
@@ -80,10 +79,9 @@ def _own(history, thing, slot, found, weights, last, config):
     """Log weights (E,) for one thing: -inf where it was elsewhere, or what came after is not known by `last`."""
     rows = len(history.place)
     now, then = slot % rows, found % rows
-    place, before, since, _ = (each[:, thing] for each in history)
+    place, since = history.place[:, thing], history.since[:, thing]
     ratio = np.log((slot - since[now] + 1.0) / (found - since[then] + 1.0))
     scores = weights - 0.5 * np.minimum((ratio / config.stay) ** 2, FAR)
-    scores = scores - config.origin * (before[then] != before[now])
     return np.where((place[then] == place[now]) & (found <= last), scores, -np.inf)
 
 
@@ -223,19 +221,15 @@ def _course(place, looked, chain, low, high, moves):
 
 @njit(cache=True)
 def _follow(history, thing, low, high, last):
-    """Write `before` and `since` anew behind slot `low`, up to where nothing changes behind `high`."""
-    place, before, since = history.place, history.before, history.since
+    """Write `since` anew behind slot `low`, up to where nothing changes behind `high`."""
+    place, since = history.place, history.since
     rows = len(place)
     for slot in range(low + 1, last + 1):
         row, was = slot % rows, (slot - 1) % rows
-        came, origin = since[was, thing], before[was, thing]
-        if place[row, thing] != place[was, thing]:
-            came = slot
-            if place[was, thing] >= 0:
-                origin = place[was, thing]
-        if slot > high and since[row, thing] == came and before[row, thing] == origin:
+        came = since[was, thing] if place[row, thing] == place[was, thing] else slot
+        if slot > high and since[row, thing] == came:
             break
-        since[row, thing], before[row, thing] = came, origin
+        since[row, thing] = came
 
 
 @njit(cache=True)

@@ -313,13 +313,13 @@ def routines_of(lines: Iterable[Timeline], start: float, now: float, days: int) 
     number = {name: index for index, name in enumerate(dict.fromkeys(places))}
     moves, things = 0, []
     for name, course in courses.items():
-        runs = [[first, first, -1, -1]]
+        runs, at = [[first, first, -1]], -1
         for stamp, place in course:
             # What has gone is still there in the slot in which it went.
             slot = math.floor(stamp / config.slot) + (place is None)
-            before = runs[-1][2] if runs[-1][2] >= 0 else runs[-1][3]
-            row = [max(slot, first), slot, -1 if place is None else number[place], before]
-            moves += place is not None and row[0] > first and row[3] not in (-1, row[2])
+            row = [max(slot, first), slot, -1 if place is None else number[place]]
+            moves += place is not None and row[0] > first and at not in (-1, row[2])
+            at = at if place is None else row[2]
             if runs[-1][0] == row[0]:
                 runs.pop()
             runs.append(row)

@@ -11,10 +11,11 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
-from estimation.geometry.places import Place
+from estimation.geometry.places import Place, Places
 
 CELL = 0.5  # metres
 CLEARANCE = 0.25  # metres
+MARGIN = 2.0  # metres
 # On a floor nobody knows, metres: seen well enough to know its furniture, and how fast what is beyond becomes unlikely;
 # how far it may go on beyond what has been seen; between candidates, of which there are MOST along a side at most.
 # Who comes in stands at a wall: out on that side is DOOR times farther.
@@ -26,14 +27,22 @@ class Coverage:
 
     Parameters
     ----------
-    low, high : (2,) metres, corners of the floor where there is no grid. grid : its reachable cells are the floor.
+    grid : its reachable cells are the floor. places : else the rooms are. known : (N, 2) metres; where there are none,
+    the floor extends MARGIN around these.
     """
 
     def __init__(
-        self, view: float, low: FloatArray, high: FloatArray, grid: OccupancyGrid | None = None
+        self, view: float, grid: OccupancyGrid | None, places: Places | None, known: FloatArray
     ) -> None:
         self.view = view
         self.grid = grid
+        if grid is not None:
+            low, high = bounds_of(grid)
+        elif places is not None and len(places.rooms):
+            corners = np.vstack([room.polygon for room in places.rooms])
+            low, high = corners.min(axis=0), corners.max(axis=0)
+        else:
+            low, high = known.min(axis=0) - MARGIN, known.max(axis=0) + MARGIN
         x = np.arange(low[0] + 0.5 * CELL, max(high[0], low[0] + CELL), CELL)
         y = np.arange(low[1] + 0.5 * CELL, max(high[1], low[1] + CELL), CELL)
         self._cells = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
