@@ -21,7 +21,7 @@ MOST = 25_000  # Rows of history that are looked through for all objects at once
 STEP = 0.005  # m: what moves less from row to row rests
 APART = 0.5  # m: so far from where it was something has been moved, where no other place says so
 AWAY = 900.0  # s: what was missing for longer and is back began another stay
-PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY  # What is taken to be known of the rate of moves of anything
+PRIOR = 2.0 * DAY  # s in which anything is taken to have moved once
 BACK_AGAIN = 0.25  # Share of moves between two looks that lead back before the second
 FOUND_AFTER = 1200.0  # s: what was missing is found about so long after it came back
 
@@ -104,11 +104,9 @@ class Timeline:
 
     @property
     def rate(self) -> float:
-        """1/s, at which it moves, with what is known of anything."""
-        if not self.stays:
-            return PRIOR_MOVES / PRIOR_TIME
+        """1/s, at which it moves, with what is known of anything; there is a stay."""
         known = self.stays[-1].until - self.stays[0].since
-        return (len(self.stays) - 1 + PRIOR_MOVES) / (known + PRIOR_TIME)
+        return len(self.stays) / (known + PRIOR)
 
     def at(self, stamp: float) -> tuple[dict[str, float], ObjectStay | None]:
         """Probability by place at a moment, and the stay that is most probable; {} before it was first seen.
