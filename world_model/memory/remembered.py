@@ -204,6 +204,13 @@ class Remembered:
         slot = max(int(self.history.since[self.last % rows, thing]) - 1, self.last - self.day)
         return slot, int(self.history.place[slot % rows, thing]) if slot >= self.first else -1
 
+    def days_moved(self, thing: int) -> int:
+        """Days, UTC, on which a thing was seen at another place than before."""
+        slots = self.slots
+        seen = slots[self.history.sure[slots % len(self.looked), thing]]
+        moved = np.diff(self.history.place[seen % len(self.looked), thing]) != 0
+        return len(np.unique(seen[1:][moved] // self.day))
+
     def recall(self, name: str) -> None:
         """What nobody saw of a thing since it was last seen, now that it is."""
         thing, first = self.things[name], self.oldest(self.last)

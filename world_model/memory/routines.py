@@ -34,7 +34,7 @@ __all__ = ["FEWEST_DAYS", "FORMAT", "VERSION", "Routines", "RoutinesConfig"]
 Array = np.ndarray
 FORMAT = "whereabouts.routines"
 VERSION = 1
-FEWEST_DAYS = 3  # on which a thing left a place, before it usually does anything
+FEWEST_DAYS = 3  # on which a thing moved, before it usually does anything
 EMPTY_HALF_LIFE = HOUR  # s, in which a look that did not find a thing says half as much
 
 
@@ -50,6 +50,7 @@ class Routines:
         self.config = config or RoutinesConfig()
         self._known = Remembered(self.config)
         self._alike: tuple[int, tuple[Array, Array]] | None = None
+        self._days: dict[str, int] = {}
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -72,11 +73,18 @@ class Routines:
         place = -1 if thing is None else self._known.last_seen(thing)[1]
         return self.places[place] if place >= 0 else ""
 
+    def are_known_of(self, object: str) -> bool:
+        """Whether an object was seen to have moved on `FEWEST_DAYS`: what has not may do anything."""
+        if object not in self._days and object in self._known.things:
+            self._days[object] = self._known.days_moved(self._known.things[object])
+        return self._days.get(object, 0) >= FEWEST_DAYS
+
     def rename(self, object: str, new: str) -> None:
         """An object has another name; one that has it already stays as it is."""
         things = self._known.things
         if object in things and _name("object", new) not in things:
             things[new] = things.pop(object)
+            self._days = {}
 
     def know(self, places: Iterable[str]) -> None:
         """There are these places, though nobody has looked at them yet."""
@@ -93,7 +101,7 @@ class Routines:
         named, _ = _names(objects), _name("place", place)
         self._known.advance(self._checked(stamp))
         self._known.look(place, named)
-        self._alike = None
+        self._alike, self._days = None, {}
 
     def where(
         self, object: str, stamp: float, left: bool = False, alike: Iterable[str] = ()

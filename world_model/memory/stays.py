@@ -328,9 +328,3 @@ def routines_of(lines: Iterable[Timeline], start: float, now: float, days: int) 
         "objects": things,
     }  # fmt: skip
     return Routines.from_dict(data)
-
-
-def days_moved(line: Timeline) -> list[int]:
-    """The days, UTC, on which a thing was found at another place than before, oldest first."""
-    days = [int(now.since // DAY) for was, now in itertools.pairwise(line.stays) if now.place != was.place]
-    return list(dict.fromkeys(days))
