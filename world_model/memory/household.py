@@ -7,6 +7,7 @@ is by now that nobody has seen for a while, if it has moved on some days.
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -29,8 +30,6 @@ SURE = 0.7
 UNSEEN = 600.0  # s after which a thing that nobody has seen may be elsewhere by now
 MANY = 200
 """Things that are followed from the start; of more only those that are seen to move. Memory goes by things and days."""
-OLDEST = 10.0 * PERIOD
-AT_ONCE = 5  # Forecasts that are made anew with one look at the world: half a millisecond each
 DAYS = 60
 SUFFIX = ".routines"
 STAYS = 0.9  # Probability of still being there from which on nothing else is said
@@ -54,8 +53,7 @@ class Household:
         self.aliases: dict[str, str] = {}
         self._at: dict[str, str] = {}
         self._watched = -math.inf
-        self._asked = (-math.inf, 0)
-        self._forecasts: dict[str, tuple[WorldObject, float, WorldObject]] = {}
+        self._forecasts: dict[str, tuple[tuple[float, float, bool], WorldObject, WorldObject]] = {}
         self.kept = KeptFile(path, "routines", self.read, self.write)
         self._furniture = [place.name for place in places.furniture]
         self.routines.know(self._furniture)
@@ -200,28 +198,19 @@ class Household:
     def told(
         self, item: WorldObject, stamp: float, usual: Callable[[WorldObject], Mapping[str, float]]
     ) -> WorldObject:
-        """A thing with `usual(item)`, which is asked anew every `PERIOD` s, and for few things at once."""
-        known = self._forecasts.get(item.id)
-        same = known is not None and (known[0].last_seen, known[0].lost) == (item.last_seen, item.lost)
-        if known is not None and same and self._holds(stamp, known[1]):
-            if known[0] is item:
-                return known[2]
+        """A thing with `usual(item)`, which is asked anew every `PERIOD` s, not of all things at once."""
+        turn = (stamp + zlib.crc32(item.id.encode()) % PERIOD) // PERIOD
+        key, known = (turn, item.last_seen, item.lost), self._forecasts.get(item.id)
+        if known is None or known[0] != key:
+            made = replace(item, usual=found) if (found := usual(item)) else item
+        elif known[1] is item:
+            return known[2]
+        else:
             made = replace(item, usual=known[2].usual)
-            self._forecasts[item.id] = (item, known[1], made)
-            return made
-        made = replace(item, usual=found) if (found := usual(item)) else item
         if len(self._forecasts) > 10_000:
             self._forecasts.clear()
-        self._forecasts[item.id] = (item, stamp, made)
+        self._forecasts[item.id] = key, item, made
         return made
-
-    def _holds(self, stamp: float, made_at: float) -> bool:
-        """Whether a forecast is fresh, or not old and `AT_ONCE` others were made anew at this stamp."""
-        if 0.0 <= stamp - made_at < PERIOD:
-            return True
-        at, count = self._asked
-        self._asked = (stamp, count + 1) if at == stamp else (stamp, 1)
-        return PERIOD <= stamp - made_at < OLDEST and self._asked[1] > AT_ONCE
 
     def moves(self, stamp: float, horizon: float) -> dict[str, tuple[str, float]]:
         """Things that will probably move within `horizon` s, where to, and how probably."""
