@@ -49,7 +49,6 @@ class SearchConfig:
     relevance: float = setting(
         0.3, "", "objects less related to the target than this share of the best are ignored", 0.0, 1.0
     )
-    nearness: float = setting(0.5, "m", "objects nearer than this count as equally near", 0.01, 10.0)
     dead_end_radius: float = setting(
         1.5,
         "m",
@@ -205,7 +204,6 @@ class ObjectSearch:
         self._driven_to: set[str] = set()
         self._entrances = Entrances(self.places or Places())
         self._middles: list[FloatArray] = []
-        self._exploring: tuple[int, FloatArray] | None = None
         self._coverage: Coverage | None = None
         self._looks: list[FloatArray] = []  # where the robot looked from, and goals that it could not reach
         self._track: list[FloatArray] = []
@@ -397,16 +395,13 @@ class ObjectSearch:
             elif middle is not None:
                 return SearchStep("room", middle, "", self._said(why, "drive to where more can be seen."))
             if room is None and self.grid is None:
-                spot = self._onward(known, place)
+                spot = where_more_is_seen(list(known.values()), self._track, place, self._middles)
                 if spot is not None:
                     return SearchStep("room", spot, "", self._said(why, "drive to unseen floor."))
             related = worth
         if not related:
             return None
-        best = max(
-            related,
-            key=lambda name: (related[name] + 1e-9) / (math.dist(able[name], place) + self.config.nearness),
-        )
+        best = max(related, key=lambda name: (related[name] + 1e-9) / max(math.dist(able[name], place), 1e-3))
         return self._towards(best, able[best], related[best], room)
 
     def _said(self, why: str, then: str) -> str:
@@ -434,16 +429,6 @@ class ObjectSearch:
         if middle is None or any(math.dist(middle, been) < 1.0 for been in self._middles):
             return None
         return middle
-
-    def _onward(self, known: Mapping[str, FloatArray], place: FloatArray) -> FloatArray | None:
-        """Where to explore a floor nobody knows: one goal until it is reached or something new is seen."""
-        if self._exploring is not None:
-            seen, spot = self._exploring
-            if seen == len(known) and not any(spot is been for been in self._middles):
-                return spot
-        found = where_more_is_seen(list(known.values()), self._track, place, self._middles)
-        self._exploring = None if found is None else (len(known), found)
-        return found
 
     def _towards(self, name: str, spot: FloatArray, chance: float, room: Place | None = None) -> SearchStep:
         said = f"{self._target} is not in view. It is often found with {name} (p = {chance:.2f}): look there."
