@@ -50,7 +50,6 @@ class Coverage:
             self._cells = self._cells[grid.lookup(self._cells) < 0.0]
         self._seen = np.zeros(len(self._cells), dtype=np.bool_)
         self._within: dict[str, npt.NDArray[np.bool_]] = {}
-        self._going: tuple[str, int] | None = None  # room and cell of the last answer
 
     def look(self, place: FloatArray) -> None:
         """The robot was at a place (2,)."""
@@ -82,11 +81,8 @@ class Coverage:
     def next_place(self, place: FloatArray, room: Place | None = None) -> FloatArray | None:
         """Where to look next from a place (2,), in a room or anywhere: much that is new for little driving.
 
-        The same as the last time until it has been seen; None when all has been seen.
+        None when all has been seen.
         """
-        name = "" if room is None else room.name
-        if self._going is not None and self._going[0] == name and not self._seen[self._going[1]]:
-            return np.asarray(self._cells[self._going[1]])
         open_cells = ~self._seen if room is None else ~self._seen & self._inside(room)
         numbers = np.flatnonzero(open_cells)
         left = self._cells[numbers]
@@ -104,7 +100,6 @@ class Coverage:
         chosen = order[:: max(len(order) // 30, 1)]
         fresh = (np.hypot(*(left[chosen, None] - left[None]).transpose(2, 0, 1)) <= self.view).sum(axis=1)
         best = chosen[int(np.argmax(fresh / (lengths[chosen] + self.view)))]
-        self._going = name, int(numbers[best])
         return np.asarray(left[best])
 
 
