@@ -8,7 +8,8 @@
 
 A forecast is a vote of past moments: those at about the same time of day at which the thing was at the same place. A
 moment counts the more, the closer its time of day is, the fewer things were elsewhere than now, the more alike the
-length of the thing's own stay is, and the more recent it is. What came after these moments is the forecast; where few moments speak, it yields to how often things move at all.
+length of the thing's own stay is, and the more recent it is. What came after these moments is the forecast; where few
+moments speak, it yields to how often things move at all.
 
 Time is cut into slots of ten minutes. A moment's neighbours are found by the time that passed, in whole days and some
 minutes, so that no day has to begin anywhere.
