@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +16,9 @@ import numpy.typing as npt
 from estimation.errors import InputError
 from estimation.geometry.places import LIKELY, Place, Places
 from world_model.describing import ago, named
+from world_model.memory.store import Store
 from world_model.state import MOVED_ON, WorldObject
 from world_model.symbols import Symbols, default_symbols
-
-if TYPE_CHECKING:
-    from world_model.world import WorldModel
 
 NEAR = 0.75  # m: what is this close to an object is there, where a region is named by an object
 CORNERS = 24
@@ -174,33 +172,16 @@ def ask(worlds: Sequence[World], request: Request, stamp: float, words: Words) -
     ]
 
 
-def worlds_at(model: WorldModel, stamp: float | None) -> tuple[list[World], float]:
-    """All hypotheses now, or the most probable world at another time, and the moment that is.
-
-    Raises InputError for a stamp that is no number, and for the past where nothing is remembered.
-    """
-    if stamp is None or stamp == model.stamp:
-        return [(state.probability, state.objects) for state in model.hypotheses()], model.stamp
-    if isinstance(stamp, bool) or not isinstance(stamp, (int, float)) or not np.isfinite(stamp):
-        raise InputError(f'stamp must be seconds, "{LAST_SEEN}" or None, not {stamp!r}')
-    if stamp > model.stamp:
-        return [(1.0, model.propagate(stamp).objects)], float(stamp)
-    if model.store is None:
-        raise InputError(
-            f"stamp: {stamp:g} is in the past; only a world model with a store remembers the past"
-        )
-    return [(1.0, model.store.objects_at(stamp))], float(stamp)
-
-
-def last_seen(model: WorldModel, region: str | Place | npt.ArrayLike | None, words: Words) -> float:
+def last_seen(
+    worlds: Sequence[World], store: Store | None, region: str | Place | npt.ArrayLike | None, words: Words
+) -> float:
     """The newest stamp at which something was measured in a region, or the object that it is named by.
 
     Raises InputError where nothing ever was.
     """
     if region is None:
         raise InputError(f'stamp "{LAST_SEEN}" needs a region: when was what last seen?')
-    worlds, _ = worlds_at(model, None)
-    objects = worlds[0][1] if worlds else ()
+    objects = worlds[0][1]
     if isinstance(region, str) and region not in words.places:
         named = next((item for item in objects if item.id == region), None)
         if named is not None:
@@ -212,7 +193,7 @@ def last_seen(model: WorldModel, region: str | Place | npt.ArrayLike | None, wor
         for item in objects
         if not item.lost and place.probability(item.position, item.covariance) > LIKELY
     ]
-    past = None if model.store is None else model.store.last_seen(place)
+    past = None if store is None else store.last_seen(place)
     stamps += [] if past is None else [past]
     if not stamps:
         raise InputError(f"stamp: nothing was ever seen at {place.name!r}")

@@ -20,7 +20,7 @@ from world_model.evidence import WorldEvidence, checked
 from world_model.memory.household import SUFFIX, ByNow, Household
 from world_model.memory.store import Store
 from world_model.predictions import Behavior, checked_predictions
-from world_model.queries import LAST_SEEN, QueryAnswer, Request, Words, ask, last_seen, worlds_at
+from world_model.queries import LAST_SEEN, QueryAnswer, Request, Words, World, ask, last_seen
 from world_model.state import OUTCOMES, Box, WorldObject, WorldState
 from world_model.warm_up import warm_up
 
@@ -205,8 +205,8 @@ class WorldModel:
         if checked_request.object_id:
             checked_request = replace(checked_request, object_id=self._symbol(checked_request.object_id))
         if stamp == LAST_SEEN:
-            stamp = last_seen(self, checked_request.region, self.words)
-        worlds, moment = worlds_at(self, stamp)  # type: ignore[arg-type]
+            stamp = last_seen(_worlds_at(self, None)[0], self.store, checked_request.region, self.words)
+        worlds, moment = _worlds_at(self, stamp)
         return ask(worlds, checked_request, moment, self.words)
 
     def report(self, object_id: str, outcome: str, stamp: float) -> WorldState:
@@ -329,6 +329,24 @@ class WorldModel:
     def health(self) -> dict[str, float]:
         """Figures for diagnostics: objects, anchors, hypotheses, leaves."""
         return self.anchoring.presentation.health()
+
+
+def _worlds_at(model: WorldModel, stamp: float | str | None) -> tuple[list[World], float]:
+    """All hypotheses now, or the most probable world at another time, and the moment that is.
+
+    Raises InputError for a stamp that is no number, and for the past where nothing is remembered.
+    """
+    if stamp is None or stamp == model.stamp:
+        return [(state.probability, state.objects) for state in model.hypotheses()], model.stamp
+    if isinstance(stamp, bool) or not isinstance(stamp, (int, float)) or not np.isfinite(stamp):
+        raise InputError(f'stamp must be seconds, "{LAST_SEEN}" or None, not {stamp!r}')
+    if stamp > model.stamp:
+        return [(1.0, model.propagate(stamp).objects)], float(stamp)
+    if model.store is None:
+        raise InputError(
+            f"stamp: {stamp:g} is in the past; only a world model with a store remembers the past"
+        )
+    return [(1.0, model.store.objects_at(stamp))], float(stamp)
 
 
 def _room_of(item: WorldObject | None, places: Places | None, heights: tuple[float, float]) -> Box | None:

@@ -15,8 +15,14 @@ from matplotlib.figure import Figure
 
 from evaluation.drawing import saved
 from evaluation.maintenance import maintenance_scenes as scenes
-from evaluation.maintenance.maintenance_printed import PrintedRule, PrintedRun, simulate
-from evaluation.maintenance.maintenance_world import RoomPlan, TourAccount, fixed_path, maintained
+from evaluation.maintenance.maintenance_printed import PrintedRule, simulate
+from evaluation.maintenance.maintenance_world import (
+    MaintenanceRoom,
+    RoomPlan,
+    TourAccount,
+    fixed_path,
+    maintained,
+)
 from evaluation.parallel import each
 from evaluation.report import Part, Report, RunOptions
 from whereabouts.system.progress import track
@@ -107,7 +113,7 @@ def _many(
     ]
 
 
-def _mean(runs: Sequence[TourAccount | PrintedRun], quantity: str) -> float:
+def _mean(runs: Sequence[TourAccount], quantity: str) -> float:
     return float(np.mean([getattr(run, quantity) for run in runs]))
 
 
@@ -161,7 +167,7 @@ def _sensors(options: RunOptions, report: Report) -> None:
     )  # fmt: skip
 
 
-def _printed_runs(options: RunOptions, rooms: list[int], rule: PrintedRule, how: str) -> list[PrintedRun]:
+def _printed_runs(options: RunOptions, rooms: list[int], rule: PrintedRule, how: str) -> list[TourAccount]:
     """The text's rule in every room; how : "rule", "rule, looking on", or "fixed"."""
     return each(
         simulate, [(rule, seed, how == "fixed", how.endswith("looking on")) for seed in rooms], options.jobs
@@ -248,12 +254,12 @@ def _counts(options: RunOptions, report: Report) -> None:
     report.pictures.append(_draw_counts(options.out, printed))
 
 
-def _sum_of(runs: Sequence[PrintedRun | TourAccount], what: str) -> float:
+def _sum_of(runs: Sequence[TourAccount], what: str) -> float:
     """Of all objects, mean over the runs."""
     return float(np.mean([getattr(run, what).sum() for run in runs]))
 
 
-def _draw_counts(out: Path, runs: dict[str, list[PrintedRun]]) -> Path:
+def _draw_counts(out: Path, runs: dict[str, list[TourAccount]]) -> Path:
     """Figure 3.7: updates and goals of each object in one run."""
     figure = Figure(figsize=(9, 3.2))
     panels = figure.subplots(1, 2)
@@ -349,9 +355,7 @@ def _draw(
 
 def _draw_paths(out: Path, report: Report, seed: int) -> None:
     """Figure 3.5: where the robot drives in 100 s."""
-    from evaluation.maintenance.maintenance_world import MaintenanceRoom
-
-    things = MaintenanceRoom(PLAN, seed).positions
+    things = MaintenanceRoom(PLAN, seed).truth.positions
     steps = int(100.0 / PLAN.time_step)
     figure = Figure(figsize=(11, 3.8))
     panels = figure.subplots(1, 3)

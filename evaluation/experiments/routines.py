@@ -29,7 +29,7 @@ SOON = 3  # steps within which a move is foretold
 HOURS = (1, 3, 6)  # ahead
 EPOCH = 19_000 * 86_400.0  # s, UTC, of the first day: any will do
 PLAIN = 1e9  # a deviation or half-life that makes all moments alike
-COUNTS = RoutinesConfig(half_life=PLAIN, window=STEP, clock=PLAIN, differs=0.0, stay=PLAIN, origin=0.0)
+COUNTS = RoutinesConfig(half_life=PLAIN, window=STEP, clock=PLAIN, differs=0.0, stay=PLAIN)
 """Plain counts: where it was on other days so long after it was at the same place at the same time of day."""
 METHODS = {"last seen": None, "counts": COUNTS, "routines": RoutinesConfig()}
 THRESHOLDS = np.round(np.arange(0.15, 0.651, 0.05), 2)

@@ -15,13 +15,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from estimation.checks import FloatArray, require_positive
 from estimation.errors import InputError
-
-# mypy: disable-error-code="no-untyped-def"
+from evaluation.maintenance.maintenance_world import MaintenanceRoom, RoomPlan, TourAccount
+from evaluation.maintenance.maintenance_world_kernels import RunRule
+from world_model.tasks.looks import Sensor
 
 
 @dataclass(frozen=True)
@@ -60,10 +59,10 @@ class PrintedRule:
         """m in a time step."""
         return self.speed * self.time_step
 
+    @property
     def numbers(self) -> FloatArray:
         """What the compiled functions take."""
-        worth = self.threshold, self.weight, self.norm, self.scale
-        return np.array([*worth, self.range_min, self.range_max, self.variance, self.stride])
+        return np.array([self.threshold, self.weight, self.norm, self.scale])
 
 
 def entropy(covariance: FloatArray) -> float:
@@ -72,121 +71,22 @@ def entropy(covariance: FloatArray) -> float:
     return 0.5 * n * (1.0 + math.log(2.0 * math.pi)) + 0.5 * float(np.linalg.slogdet(covariance)[1])
 
 
-@njit(cache=True)
-def towards(x, y, goal_x, goal_y, stride):
-    """One time step to a goal: the new x, y and the metres it took."""
-    dx, dy = goal_x - x, goal_y - y
-    away = math.hypot(dx, dy)
-    taken = min(away, stride)
-    if away > 1e-12:
-        x += dx * taken / away
-        y += dy * taken / away
-    return x, y, taken
-
-
-@njit(cache=True)
-def look(position, x, y, variance, numbers):
-    """Variance after a look from (x, y) by the Kalman filter, unchanged where the object is out of range."""
-    away = math.hypot(position[0] - x, position[1] - y)
-    if numbers[4] <= away <= numbers[5]:
-        return variance * numbers[6] / (variance + numbers[6])
-    return variance
-
-
-@njit(cache=True)
-def expected(item, x, y, positions, variances, growth, numbers):
-    """Gain of going for an object, nat (3.6), and the metres to drive: fake measurements at each time step."""
-    now = variances.copy()
-    gain = 0.0
-    length = math.hypot(positions[item, 0] - x, positions[item, 1] - y)
-    for _ in range(max(math.ceil(length / numbers[7] - 1e-9), 1)):
-        x, y, _ = towards(x, y, positions[item, 0], positions[item, 1], numbers[7])
-        for i in range(len(now)):
-            now[i] += growth[i]
-            after = look(positions[i], x, y, now[i], numbers)
-            # Two axes of half a logarithm each.
-            gain += math.log(now[i] / after)
-            now[i] = after
-    return gain, length
-
-
-@njit(cache=True)
-def best(x, y, positions, variances, growth, numbers):
-    """a* of (3.10): the object of the largest utility (3.9) among those of (3.7), -1 where that set is empty."""
-    chosen, most = -1, -np.inf
-    for i in range(len(growth)):
-        gain, length = expected(i, x, y, positions, variances, growth, numbers)
-        utility = gain / numbers[2] - numbers[1] * length / numbers[3]
-        if gain > numbers[0] and utility > most:
-            chosen, most = i, utility
-    return chosen
-
-
-@njit(cache=True)
-def run(positions, growth, start, steps, numbers, fixed, idle):
-    """A run of section 3.7: means over time of H_max (3.13) and H_sum (3.14), metres, looks (N,), goals (N,), path.
-
-    positions : (N, 2) m. growth : (N,) m² per step. start : (2,) m. fixed : from object to object over and over, the
-    text's benchmark, in place of the rule. idle : whether objects are looked at, too, while nothing is worth going for.
-    """
-    count = len(growth)
-    variances = np.full(count, numbers[6])
-    updates, goals = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    path = np.empty((steps + 1, 2))
-    x, y = start[0], start[1]
-    path[0] = start
-    worst = total = distance = 0.0
-    task, following = -1, 0
-    for k in range(steps):
-        if task < 0 and fixed:
-            task, following = following, (following + 1) % count
-        elif task < 0:
-            task = best(x, y, positions, variances, growth, numbers)
-        if task >= 0:
-            x, y, taken = towards(x, y, positions[task, 0], positions[task, 1], numbers[7])
-            distance += taken
-        largest = -np.inf
-        for i in range(count):
-            variances[i] += growth[i]
-            if task >= 0 or idle:
-                after = look(positions[i], x, y, variances[i], numbers)
-                updates[i] += after < variances[i]
-                variances[i] = after
-            uncertain = 1.0 + math.log(2.0 * math.pi) + math.log(variances[i])
-            total += uncertain
-            largest = max(largest, uncertain)
-        worst += largest
-        path[k + 1, 0], path[k + 1, 1] = x, y
-        if task >= 0 and math.hypot(positions[task, 0] - x, positions[task, 1] - y) <= 1e-6:
-            goals[task] += 1
-            task = -1
-    return worst / steps, total / steps, distance, updates, goals, path
-
-
-IntArray = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class PrintedRun:
-    """Means over time of H_max (3.13) and H_sum (3.14), nat; metres; looks (N,) and goals (N,); path (K + 1, 2) m."""
-
-    worst: float
-    total: float
-    distance: float
-    updates: IntArray
-    goals: IntArray
-    path: FloatArray
+def room_of(rule: PrintedRule, seed: int, duration: float = 1000.0) -> MaintenanceRoom:
+    """A room of 10 m with ten objects and σ_P from [0, 0.01] m² per time step (section 3.7.1); looks have no errors."""
+    sensor = Sensor("camera", rule.range_min, rule.range_max, rule.variance * np.eye(2))
+    plan = RoomPlan(
+        rule.scale, noise=0.01 / rule.time_step, duration=duration, time_step=rule.time_step,
+        speed=rule.speed, sensors=(sensor,),
+    )  # fmt: skip
+    made = MaintenanceRoom(plan, seed)
+    made.truth.noise[:] = 0.0
+    made.belief.means[:] = made.truth.positions
+    return made
 
 
 def simulate(
     rule: PrintedRule, seed: int, fixed: bool = False, idle: bool = False, duration: float = 1000.0
-) -> PrintedRun:
-    """One room of 10 m with ten objects and σ_P from [0, 0.01] m² per time step, 1000 s (section 3.7.1).
-
-    fixed : the benchmark, from object to object. idle : looks, too, while there is nothing to go for.
-    """
-    rng = np.random.default_rng(seed)
-    positions, growth = rng.uniform(0.0, rule.scale, (10, 2)), rng.uniform(0.0, 0.01, 10)
-    start = np.full(2, 0.5 * rule.scale)
-    steps = round(duration / rule.time_step)
-    return PrintedRun(*run(positions, growth, start, steps, rule.numbers(), fixed, idle))
+) -> TourAccount:
+    """One run. fixed : the benchmark, from object to object. idle : looks, too, while there is nothing to go for."""
+    order = np.arange(10 * fixed)
+    return room_of(rule, seed, duration).ruled(RunRule(np.zeros(9), order, rule.numbers, idle))

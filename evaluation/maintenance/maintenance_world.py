@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.errors import InputError
-from evaluation.maintenance.maintenance_world_kernels import run
+from evaluation.maintenance.maintenance_world_kernels import Belief, RunRule, SimulatedRoom, run
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance_config import MaintenanceConfig
 from world_model.tasks.maintenance_kernels import shortest_way
@@ -39,7 +39,7 @@ class RoomPlan:
 
 @dataclass
 class TourAccount:
-    """What a run came to: means over time of the largest and the summed entropy, nat; metres; looks, goals."""
+    """What a run came to: means over time of the largest and the summed entropy, nat; metres; looks, goals; way, m."""
 
     worst: float
     total: float
@@ -50,7 +50,7 @@ class TourAccount:
 
 
 class MaintenanceRoom:
-    """One run at its beginning: `positions` and `growth` (m² per step) are true, `means` and `variances` believed.
+    """One run at its beginning: what of it is true, `truth`, and what is believed, `belief`.
 
     Raises
     ------
@@ -58,31 +58,33 @@ class MaintenanceRoom:
     """
 
     def __init__(self, plan: RoomPlan, seed: int) -> None:
-        self.plan = plan
-        self.sensors = np.array([_circular(sensor) for sensor in plan.sensors])
+        sensors = np.array([_circular(sensor) for sensor in plan.sensors])
         rng, count, steps = np.random.default_rng(seed), plan.objects, round(plan.duration / plan.time_step)
-        self.positions = rng.uniform(0.0, plan.size, (count, 2))
-        self.growth = plan.time_step * rng.uniform(0.0, plan.noise, count)
-        first = float(self.sensors[0, 2])
-        self.means = self.positions + math.sqrt(first) * rng.standard_normal((count, 2))
-        self.variances = np.full(count, first)
-        self.noise = rng.standard_normal((steps, len(self.sensors), count, 2))
+        positions = rng.uniform(0.0, plan.size, (count, 2))
+        growth = plan.time_step * rng.uniform(0.0, plan.noise, count)
+        first = float(sensors[0, 2])
+        means = positions + math.sqrt(first) * rng.standard_normal((count, 2))
+        noise = rng.standard_normal((steps, len(sensors), count, 2))
+        costs, start = np.array([sensor.cost for sensor in plan.sensors]), np.full(3, 0.5 * plan.size)
+        start[2] = 0.0
+        stride = plan.speed * plan.time_step
+        self.truth = SimulatedRoom(positions, growth, noise, sensors, costs, stride, plan.time_step, start)
+        self.belief = Belief(means, np.full(count, first), np.zeros(count, np.int64))
 
     def run(self, config: MaintenanceConfig, order: Sequence[int] | Array = ()) -> TourAccount:
         """By maintenance, or from object to object in an order."""
-        plan = self.plan
-        settings = (
+        settings = np.array([
             config.information_gain_threshold, config.weight, config.information_gain_norm, config.cost_scale,
-            config.company, config.standoff, config.anticipation, config.tour,
-        )  # fmt: skip
-        costs = np.array([sensor.cost for sensor in plan.sensors])
-        worst, total, distance, updates, goals, path = run(
-            self.positions, self.growth, self.means.copy(), self.variances.copy(), plan.size, self.noise,
-            self.sensors, costs, plan.speed * plan.time_step, plan.time_step, config.retry_after,
-            np.array(settings), np.asarray(order, dtype=np.int64),
-        )  # fmt: skip
-        steps = len(self.noise)
-        return TourAccount(worst / steps, total / steps, distance, updates, goals, path)
+            config.company, config.standoff, config.anticipation, config.tour, config.retry_after,
+        ])  # fmt: skip
+        return self.ruled(RunRule(settings, np.asarray(order, dtype=np.int64), np.zeros(0), True))
+
+    def ruled(self, rule: RunRule) -> TourAccount:
+        """By any rule."""
+        belief = Belief(*(each.copy() for each in self.belief))
+        worst, total, *rest = run(self.truth, belief, rule)
+        steps = len(self.truth.noise)
+        return TourAccount(worst / steps, total / steps, *rest)
 
 
 def _circular(sensor: Sensor) -> tuple[float, float, float]:
@@ -97,7 +99,7 @@ def fixed_path(plan: RoomPlan, seed: int, order: str = "given") -> TourAccount:
     """The text's benchmark, from object to object over and over; `order` "given", or "tour": the shortest one."""
     room = MaintenanceRoom(plan, seed)
     return room.run(
-        MaintenanceConfig(), range(plan.objects) if order == "given" else shortest_tour(room.positions)
+        MaintenanceConfig(), range(plan.objects) if order == "given" else shortest_tour(room.truth.positions)
     )
 
 

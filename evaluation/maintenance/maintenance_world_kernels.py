@@ -1,16 +1,18 @@
 """A whole run of maintenance, compiled: the rule of `world_model.Maintenance` for things that do not move on a floor.
 
 Covariances are circular here, a variance per object, which is all that the text's simulation has. A test drives
-`Maintenance` itself through the same rooms and compares.
+`Maintenance` itself through the same rooms and compares. The rule as printed and the fixed path go through them, too.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from evaluation.maintenance.printed_kernels import best_as_printed
 from world_model.tasks.maintenance_kernels import shortest_way, straight_stop
 from world_model.tasks.maintenance_options import NEARER, TOUR, TWO_LOOKS
 
@@ -19,26 +21,59 @@ SECOND_LOOK = math.log(2.0) + TWO_LOOKS  # nat
 HERE = 1e-6  # m
 
 
+class SimulatedRoom(NamedTuple):
+    """positions : (N, 2) m. growth : (N,) m² per step. noise : (K, S, N, 2) standard normal. sensors : (S, 3)
+    range_min, range_max, variance. costs : (S,) m. stride : m in a step of `step` s. start : (3,) x, y, yaw."""
+
+    positions: np.ndarray
+    growth: np.ndarray
+    noise: np.ndarray
+    sensors: np.ndarray
+    costs: np.ndarray
+    stride: float
+    step: float
+    start: np.ndarray
+
+
+class Belief(NamedTuple):
+    """means : (N, 2) m. variances : (N,) m². misses : (N,) looks in a row that were in vain."""
+
+    means: np.ndarray
+    variances: np.ndarray
+    misses: np.ndarray
+
+
+class RunRule(NamedTuple):
+    """Who decides: `order`, objects to drive to over and over; else `printed`, the numbers of a `PrintedRule`; where
+    both are empty maintenance, by `config`: threshold, weight, norm, cost scale, company, stand-off, anticipation, tour
+    and retry, s. idle : whether objects are looked at, too, while there is nothing to go for."""
+
+    config: np.ndarray
+    order: np.ndarray
+    printed: np.ndarray
+    idle: bool
+
+
 @njit(cache=True)
-def look_around(room, variances, means, pose, sensors, noise, updates):
+def look_around(room, belief, pose, noise, updates, looking):
     """Time goes on by a step: beliefs blur, what is in range of a sensor is measured; sum and largest of entropies.
 
-    room : positions (N, 2) and growth (N,) per step, m². sensors : (S, 3) range_min, range_max, variance. noise :
-    (S, N, 2).
+    noise : (S, N, 2). updates : (N,) looks so far. looking : whether anything is measured.
     """
-    positions, growth = room
     total, worst = 0.0, -np.inf
+    means, variances = belief.means, belief.variances
     for i in range(len(variances)):
-        variances[i] += growth[i]
-        away = math.hypot(positions[i, 0] - pose[0], positions[i, 1] - pose[1])
+        variances[i] += room.growth[i]
+        away = math.hypot(room.positions[i, 0] - pose[0], room.positions[i, 1] - pose[1])
         seen = False
-        for s in range(len(sensors)):
-            if not sensors[s, 0] <= away <= sensors[s, 1]:
+        for s in range(len(room.sensors)):
+            low, high, variance = room.sensors[s, 0], room.sensors[s, 1], room.sensors[s, 2]
+            if not looking or not low <= away <= high:
                 continue
             seen = True
-            gain = variances[i] / (variances[i] + sensors[s, 2])
+            gain = variances[i] / (variances[i] + variance)
             for c in range(2):
-                measured = positions[i, c] + math.sqrt(sensors[s, 2]) * noise[s, i, c]
+                measured = room.positions[i, c] + math.sqrt(variance) * noise[s, i, c]
                 means[i, c] += gain * (measured - means[i, c])
             variances[i] *= 1.0 - gain
         updates[i] += seen
@@ -62,23 +97,24 @@ def drive(pose, goal, stride):
 
 
 @njit(cache=True)
-def _expected(item, pose, goal, length, means, variances, growth, sensor, stride, anticipation):
+def _expected(item, pose, goal, length, belief, room, sensor, anticipation):
     """Gain of the object gone for and of all together, nat: `world_model.tasks.maintenance_kernels.path_gain`."""
-    count = max(math.ceil(length / stride - 1e-9), 1)
+    count = max(math.ceil(length / room.stride - 1e-9), 1)
+    low, high, variance = sensor[0], sensor[1], sensor[2]
     own = gain = 0.0
-    for i in range(len(variances)):
-        value, before = variances[i], 0
+    for i in range(len(belief.variances)):
+        now, before = belief.variances[i], 0
         for k in range(1, count + 1):
             x, y = pose[0] + (goal[0] - pose[0]) * k / count, pose[1] + (goal[1] - pose[1]) * k / count
-            if sensor[0] <= math.hypot(means[i, 0] - x, means[i, 1] - y) <= sensor[1]:
-                value += growth[i] * (k - before)
-                value *= sensor[2] / (value + sensor[2])
+            if low <= math.hypot(belief.means[i, 0] - x, belief.means[i, 1] - y) <= high:
+                now += room.growth[i] * (k - before)
+                now *= variance / (now + variance)
                 before = k
         if before == 0:
             continue
-        value += growth[i] * (count - before)
-        unseen = math.log(variances[i] + growth[i] * count)
-        share = anticipation * unseen + (1.0 - anticipation) * math.log(variances[i]) - math.log(value)
+        now += room.growth[i] * (count - before)
+        unseen = math.log(belief.variances[i] + room.growth[i] * count)
+        share = anticipation * unseen + (1.0 - anticipation) * math.log(belief.variances[i]) - math.log(now)
         gain += share
         if i == item:
             own = share
@@ -86,46 +122,39 @@ def _expected(item, pose, goal, length, means, variances, growth, sensor, stride
 
 
 @njit(cache=True)
-def _goal(item, sensor, pose, means, misses, standoff):
-    """Where to look at an object from: x, y, metres."""
-    share, aside = NEARER ** misses[item] * standoff, misses[item] > 0
-    x, y, _, length = straight_stop(pose, means[item, 0], means[item, 1], sensor[0], sensor[1], share, aside)
-    return x, y, length
-
-
-@njit(cache=True)
-def _best(able, above, pose, means, variances, growth, sensors, costs, misses, stride, config):
-    """Object and sensor of the largest utility with a gain above `above`; -1 where none has. `config` : see `run`."""
-    chosen, kind, most = -1, 0, -np.inf
+def _best(able, above, pose, belief, room, config):
+    """Object of the largest utility with a gain above `above`, -1 where none has; and where to look from."""
+    chosen, most = -1, -np.inf
     goal, place = np.empty(2), np.empty(2)
-    for i in range(len(variances)):
+    for i in range(len(able)):
         if not able[i]:
             continue
-        for s in range(len(sensors)):
-            goal[0], goal[1], length = _goal(i, sensors[s], pose, means, misses, config[5])
-            own, gain = _expected(
-                i, pose, goal, length, means, variances, growth, sensors[s], stride, config[6]
-            )
+        x, y = belief.means[i, 0], belief.means[i, 1]
+        share, aside = NEARER ** belief.misses[i] * config[5], belief.misses[i] > 0
+        for s in range(len(room.sensors)):
+            low, high = room.sensors[s, 0], room.sensors[s, 1]
+            goal[0], goal[1], _, length = straight_stop(pose, x, y, low, high, share, aside)
+            own, gain = _expected(i, pose, goal, length, belief, room, room.sensors[s], config[6])
             if own <= 0.0 or gain <= above:
                 continue
-            utility = (own + config[4] * (gain - own)) / config[2] - config[1] * (length + costs[s]) / config[
-                3
-            ]
+            utility = (own + config[4] * (gain - own)) / config[2]
+            utility -= config[1] * (length + room.costs[s]) / config[3]
             if utility > most:
-                chosen, kind, most = i, s, utility
+                chosen, most = i, utility
                 place[:] = goal
-    return chosen, kind, place
+    return chosen, place
 
 
 @njit(cache=True)
-def _next(able, touring, pose, means, variances, growth, sensors, costs, misses, stride, config):
-    """What to do: object or -1, sensor, place. `touring` (N,) is what is left of the tour; changed in place."""
-    count = len(variances)
+def _next(able, touring, pose, belief, room, config):
+    """What to do: object or -1, place. `touring` (N,) is what is left of the tour; changed in place."""
+    count, means = len(able), belief.means
     threshold, share = config[0], config[7]
     now = np.zeros(count)
     for i in range(count):
-        for s in range(len(sensors)):
-            now[i] = max(now[i], math.log((variances[i] + sensors[s, 2]) / sensors[s, 2]))
+        for s in range(len(room.sensors)):
+            variance = room.sensors[s, 2]
+            now[i] = max(now[i], math.log((belief.variances[i] + variance) / variance))
     for attempt in range(2):
         for i in range(count):
             touring[i] = touring[i] and able[i] and now[i] > max(0.5 * share * threshold, SECOND_LOOK)
@@ -135,18 +164,14 @@ def _next(able, touring, pose, means, variances, growth, sensors, costs, misses,
             touring[left[k]] = False
             one[:] = False
             one[left[k]] = True
-            chosen, kind, place = _best(
-                one, -np.inf, pose, means, variances, growth, sensors, costs, misses, stride, config
-            )
+            chosen, place = _best(one, -np.inf, pose, belief, room, config)
             if chosen >= 0:
-                return chosen, kind, place
+                return chosen, place
         if attempt == 1:
             break
-        chosen, kind, place = _best(
-            able, threshold, pose, means, variances, growth, sensors, costs, misses, stride, config
-        )
+        chosen, place = _best(able, threshold, pose, belief, room, config)
         if chosen < 0 or share <= 0.0:
-            return chosen, kind, place
+            return chosen, place
         worth = np.full(count, -np.inf)
         for i in range(count):
             if able[i] and now[i] > max(share * threshold, SECOND_LOOK):
@@ -154,26 +179,24 @@ def _next(able, touring, pose, means, variances, growth, sensors, costs, misses,
                 worth[i] = now[i] / config[2] - config[1] * far
         along = np.argsort(-worth)[: min(TOUR, np.sum(worth > -np.inf))]
         if len(along) < 2:
-            return chosen, kind, place
+            return chosen, place
         for i in along:
             touring[i] = True
         touring[chosen] = True
-    return chosen, kind, place
+    return chosen, place
 
 
 @njit(cache=True)
-def run(positions, growth, means, variances, size, noise, sensors, costs, stride, step, retry, config, order):
+def run(room, belief, rule):
     """One run; sums over steps of the largest and of all entropies, metres, looks (N,), goals (N,), path (K + 1, 2).
 
-    positions : (N, 2) m. growth : (N,) m² per step. means (N, 2), variances (N,) : beliefs, changed in place. noise :
-    (K, S, N, 2) standard normal. sensors : (S, 3) range_min, range_max, variance. costs : (S,) m. stride : m in a
-    step of `step` s. retry : s. config : threshold, weight, norm, cost scale, company, stand-off, anticipation, tour.
-    order : objects to drive to over and over instead, empty for maintenance.
+    belief is changed in place.
     """
-    count, steps = len(growth), len(noise)
-    pose = np.array([0.5 * size, 0.5 * size, 0.0])
+    count, steps = len(room.growth), len(room.noise)
+    fixed, printed = len(rule.order) > 0, len(rule.printed) > 0
+    pose = room.start.copy()
     updates, goals = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    rests, misses = np.full(count, -np.inf), np.zeros(count, np.int64)
+    rests, misses = np.full(count, -np.inf), belief.misses
     touring, able = np.zeros(count, np.bool_), np.ones(count, np.bool_)
     path = np.empty((steps + 1, 2))
     path[0] = pose[:2]
@@ -181,30 +204,29 @@ def run(positions, growth, means, variances, size, noise, sensors, costs, stride
     task, index = -1, 0
     goal = np.empty(2)
     for k in range(steps):
-        if len(order) > 0:
-            task = order[index]
-            goal[:] = positions[task]
+        if task < 0 and (fixed or printed):
+            task = rule.order[index] if fixed else best_as_printed(pose, room, belief.variances, rule.printed)
+            goal[:] = room.positions[task]
         elif task < 0:
             for i in range(count):
-                able[i] = not now - rests[i] < retry
-            task, _, place = _next(
-                able, touring, pose, means, variances, growth, sensors, costs, misses, stride, config
-            )
+                able[i] = not now - rests[i] < rule.config[8]
+            task, place = _next(able, touring, pose, belief, room, rule.config)
             goal[:] = place
             if task >= 0:
                 goals[task] += 1
         if task >= 0:
-            distance += drive(pose, goal, stride)
-        now += step
+            distance += drive(pose, goal, room.stride)
+        now += room.step
         before = updates[task]
-        summed, largest = look_around((positions, growth), variances, means, pose, sensors, noise[k], updates)
+        looking = task >= 0 or rule.idle
+        summed, largest = look_around(room, belief, pose, room.noise[k], updates, looking)
         total, worst = total + summed, worst + largest
         path[k + 1] = pose[:2]
         if task < 0 or math.hypot(goal[0] - pose[0], goal[1] - pose[1]) > HERE:
             continue
-        if len(order) > 0:
+        if fixed or printed:
             goals[task] += 1
-            index = (index + 1) % len(order)
+            index = (index + 1) % len(rule.order) if fixed else 0
         elif updates[task] > before:
             misses[task], rests[task] = 0, -np.inf
         else:

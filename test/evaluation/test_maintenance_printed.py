@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from evaluation.maintenance.maintenance_printed import PrintedRule, best, entropy, expected, simulate
+from evaluation.maintenance.maintenance_printed import PrintedRule, entropy, room_of, simulate
+from evaluation.maintenance.printed_kernels import best_as_printed, expected
 
 RULE = PrintedRule(threshold=2.0, speed=0.5, time_step=1.0)
 
@@ -35,12 +36,17 @@ def test_the_gain_of_a_way_is_the_sum_of_its_cycles():
     for _ in range(20):
         positions, here = rng.uniform(0, 6, (4, 2)), rng.uniform(0, 6, 2)
         variances, growth = rng.uniform(0.001, 0.5, 4), rng.uniform(0, 0.05, 4)
-        situation = (*here, positions, variances, growth, RULE.numbers())
+        room, pose = (
+            room_of(RULE, 0, 10.0).truth._replace(positions=positions, growth=growth),
+            np.array([*here, 0.0]),
+        )
         wanted = [by_hand(k, here, positions, variances, growth, RULE) for k in range(4)]
-        np.testing.assert_allclose([expected(k, *situation) for k in range(4)], wanted, rtol=1e-9)
+        np.testing.assert_allclose([expected(k, pose, room, variances) for k in range(4)], wanted, rtol=1e-9)
         utility = [gain / RULE.norm - RULE.weight * length / RULE.scale for gain, length in wanted]
         able = [k for k in range(4) if wanted[k][0] > RULE.threshold]
-        assert best(*situation) == max(able, key=lambda k: utility[k], default=-1)
+        assert best_as_printed(pose, room, variances, RULE.numbers) == max(
+            able, key=lambda k: utility[k], default=-1
+        )
 
 
 def test_entropy_of_a_gaussian_is_the_mean_of_minus_its_logarithm():
@@ -87,9 +93,9 @@ def test_bad_settings_are_named():
 
 def test_what_is_looked_at_in_passing():
     """A straight drive of one step past one thing to another: both from where the step ends."""
-    numbers = PrintedRule(speed=1.0, time_step=1.0).numbers()
-    positions, growth = np.array([[1.0, 0.0], [1.0, 1.0]]), np.zeros(2)
-    gain, length = expected(0, 0.0, 0.0, positions, np.array([1.0, 0.5]), growth, numbers)
+    room = room_of(PrintedRule(speed=1.0, time_step=1.0), 0, 10.0).truth
+    room = room._replace(positions=np.array([[1.0, 0.0], [1.0, 1.0]]), growth=np.zeros(2))
+    gain, length = expected(0, np.zeros(3), room, np.array([1.0, 0.5]))
     assert length == 1.0
     # The robot stands on the first, too near for its sensor, and 1 m from the second.
     assert gain == pytest.approx(math.log(0.51 / 0.01))

@@ -40,7 +40,7 @@ def maintained_by(maintenance: Maintenance, plan: RoomPlan, seed: int) -> TourAc
         [pose[:2].copy()],
     )
     worst = total = distance = 0.0
-    for noise in room.noise:
+    for noise in room.truth.noise:
         if task is None:
             task = maintenance.next_task(_state(room, time), pose, plan.sensors)
             if task is not None:
@@ -49,16 +49,14 @@ def maintained_by(maintenance: Maintenance, plan: RoomPlan, seed: int) -> TourAc
             distance += drive(pose, task.goal[:2], plan.speed * plan.time_step)
         time += plan.time_step
         before = updates.copy()
-        summed, largest = look_around(
-            (room.positions, room.growth), room.variances, room.means, pose, room.sensors, noise, updates
-        )
+        summed, largest = look_around(room.truth, room.belief, pose, noise, updates, True)
         worst, total = worst + largest, total + summed
         path.append(pose[:2].copy())
         if task is not None and math.hypot(*(pose[:2] - task.goal[:2])) <= HERE:
             k = int(task.object_id)
             maintenance.report(task, "found" if updates[k] > before[k] else "occluded", time)
             task = None
-    steps = len(room.noise)
+    steps = len(room.truth.noise)
     return TourAccount(worst / steps, total / steps, distance, updates, goals, np.array(path))
 
 
@@ -66,10 +64,10 @@ def _state(room: MaintenanceRoom, time: float) -> WorldState:
     """What a world model would say, planar; objects are called after their numbers."""
     objects = tuple(
         WorldObject(
-            str(k), np.array([*room.means[k], 0.0]), np.zeros(3), np.diag([variance, variance, 0.0]), {}, 1.0, False,
-            time, process_noise=np.diag([growth, growth, 0.0]) / room.plan.time_step,
+            str(k), np.array([*room.belief.means[k], 0.0]), np.zeros(3), np.diag([variance, variance, 0.0]), {}, 1.0,
+            False, time, process_noise=np.diag([growth, growth, 0.0]) / room.truth.step,
         )
-        for k, (variance, growth) in enumerate(zip(room.variances, room.growth, strict=True))
+        for k, (variance, growth) in enumerate(zip(room.belief.variances, room.truth.growth, strict=True))
     )  # fmt: skip
     return WorldState(objects, 1.0, float(len(objects)), time)
 
@@ -97,8 +95,8 @@ def test_entropies_are_those_of_a_kalman_filter_where_nothing_moves() -> None:
     room = MaintenanceRoom(plan, 1)
     account = room.run(MaintenanceConfig(information_gain_threshold=1e6))
     variance, entropies = 0.01, []
-    for _ in room.noise:
-        variance += room.growth[0]
+    for _ in room.truth.noise:
+        variance += room.truth.growth[0]
         variance = 1.0 / (1.0 / variance + 1.0 / 0.01)
         entropies.append(0.5 * np.log((2.0 * np.pi * np.e) ** 2 * variance**2))
     assert account.distance == 0.0
@@ -131,7 +129,7 @@ def test_the_fixed_path_goes_from_object_to_object() -> None:
     account = fixed_path(PLAN, 0)
     room = MaintenanceRoom(PLAN, 0)
     assert account.goals.max() - account.goals.min() <= 1
-    for spot in room.positions[: account.goals.sum()]:
+    for spot in room.truth.positions[: account.goals.sum()]:
         assert np.hypot(*(account.path - spot).T).min() < 1e-6
     assert account.distance <= PLAN.speed * PLAN.duration
 

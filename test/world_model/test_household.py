@@ -14,7 +14,8 @@ from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldObject
 from world_model.describing import ago, named
-from world_model.memory.household import DAYS, FEWEST_DAYS, Household
+from world_model.memory.household import DAYS, Household
+from world_model.memory.routines import FEWEST_DAYS
 from world_model.tasks.growth import Growth
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance

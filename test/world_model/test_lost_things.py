@@ -131,7 +131,6 @@ def test_routines_decide_which_of_two_lost_things_was_found(to_desk: int) -> Non
         for name, place in away.items():
             model.household.routines.look(place, [name] if noon else [], hour * HOUR + 600.0)
         model.household.routines.look("counter", [] if noon else sorted(away), hour * HOUR + 600.0)
-    model.household._moved |= {name: [7, 8, 9] for name in away}
     stamp = 10 * DAY + 6 * HOUR
     for name in away:
         lost(model, name, stamp)

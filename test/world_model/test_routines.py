@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import zlib
 from collections import Counter
 from collections.abc import Iterable
 from typing import Any
@@ -14,13 +15,12 @@ import pytest
 
 from estimation.errors import InputError
 from world_model import Routines, RoutinesConfig
-from world_model.memory.routine_kernels import Remembered
+from world_model.memory.remembered import Remembered
+from world_model.memory.routine_kernels import recall
 
 HOUR, DAY = 3600.0, 86400.0
 PLACES = ("cupboard", "table", "sink", "shelf")
-FLAT = RoutinesConfig(
-    half_life=1e9, window=0.0, clock=1e9, differs=0.0, stay=1e9, origin=0.0, prior=1e-9, threshold=0.0
-)
+FLAT = RoutinesConfig(half_life=1e9, window=0.0, clock=1e9, differs=0.0, stay=1e9, prior=1e-9, threshold=0.0)
 """Every day at the same time of day counts the same: forecasts are plain counts."""
 
 
@@ -172,7 +172,7 @@ def test_memory_stays_flat() -> None:
             stamp = day * DAY + tick * 1800.0
             routines.look("table", ["mug", f"visitor-{day}"] if tick % 2 else ["mug"], stamp)
             routines.look("sink", ["cup"] if tick > 20 else [], stamp)
-        sizes.append((routines._history.place.size, len(json.dumps(routines.to_dict()))))
+        sizes.append((routines._known.history.place.size, len(json.dumps(routines.to_dict()))))
     assert len({size for size, _ in sizes[10:]}) == 1
     assert max(text for _, text in sizes[10:]) < 1.2 * min(text for _, text in sizes[10:])
     assert "visitor-3" not in routines.objects
@@ -310,24 +310,24 @@ def test_what_came_back_was_away_when_somebody_looked() -> None:
 
 def test_courses_are_drawn_as_probably_as_they_are() -> None:
     """Against all courses of a gap, one by one: their moves by other days, without where somebody looked in vain."""
-    config = RoutinesConfig(prior=2.0)
-    known = Remembered(5 * 144)
-    for _ in range(3):
-        known.add_place()
+    config = RoutinesConfig(days=3, prior=2.0)
+    known = Remembered(config)
+    for name in PLACES[:3]:
+        known.place(name)
     thing = known.column("mug")
     rng = np.random.default_rng(4)
     low, last = 2 * 144 + 50, 2 * 144 + 54
     for slot in range(low + 1):
-        if slot:
-            known.advance(slot - 1, slot)
+        known.advance(600.0 * slot)
         busy = 45 < slot % 144 < 60
         if slot == 0 or (busy and rng.random() < 0.4):
-            known.set(slot, thing, int(rng.integers(3)))
-        known.sure[slot, thing] = True
-    known.set(low, thing, 0)
-    known.advance(low, last)
-    known.set(last, thing, 1)
-    known.sure[last, thing] = known.looked[low + 2, 2] = True
+            known.set(thing, int(rng.integers(3)))
+        known.history.sure[slot, thing] = True
+        known.seen[thing] = known.stamp
+    known.set(thing, 0)
+    known.advance(600.0 * last)
+    known.set(thing, 1)
+    known.history.sure[last, thing] = known.looked[low + 2, 2] = True
     where, rate = known.history.place[:, thing].copy(), 0.1
 
     def chance(slot: int, was: int, to: int) -> float:
@@ -350,9 +350,10 @@ def test_courses_are_drawn_as_probably_as_they_are() -> None:
     total = sum(expected.values())
     drawn = Counter[tuple[int, ...]]()
     count = 4000
+    chain = known.chain(thing)._replace(rate=rate)
     for number in range(count):
-        known.things = {f"mug {number}": thing}
-        known.recall(f"mug {number}", low, last, 0, rate, config)
+        seed = zlib.crc32(f"mug {number} {last}".encode())
+        recall(known.history, known.looked, chain, low, last, 0, seed)
         drawn[tuple(known.history.place[low + 1 : last, thing].tolist())] += 1
     assert all(expected[course] > 0.0 for course in drawn)
     for course, weight in expected.items():
@@ -362,25 +363,24 @@ def test_courses_are_drawn_as_probably_as_they_are() -> None:
 
 @pytest.mark.parametrize("every", [1, 400])
 def test_what_is_derived_from_a_course_fits_it(every: int) -> None:
-    """Before and since, after many gaps were filled anew, are what the places alone say; looks may be days apart."""
+    """Since, after many gaps were filled anew, is what the places alone say; looks may be days apart."""
     rng = np.random.default_rng(7)
     routines = Routines()
     for number, row in enumerate(household(30)):
         if number % every == 0:
             at([row], routines, [str(rng.choice(PLACES))] if every == 1 else PLACES)
-    mug = routines._things["mug"]
-    place, before, since = (each[:, mug] for each in routines._history)
-    last = routines._last
+    mug = routines._known.things["mug"]
+    place, since, _ = (each[:, mug] for each in routines._known.history)
+    last = routines._known.last
     moves = 0
-    for slot in range(routines._first + 1, last + 1):
+    for slot in range(routines._known.first + 1, last + 1):
         if place[slot] == place[slot - 1]:
-            assert (before[slot], since[slot]) == (before[slot - 1], since[slot - 1])
+            assert since[slot] == since[slot - 1]
         else:
             moves += 1
             assert since[slot] == slot
-            assert before[slot] == (place[slot - 1] if place[slot - 1] >= 0 else before[slot - 1])
     assert moves > 30
-    assert not routines._known.sure[last + 1 :].any()
+    assert not routines._known.history.sure[last + 1 :].any()
 
 
 @pytest.mark.parametrize(
@@ -405,10 +405,11 @@ def test_explanation_says_where_when_and_how_often() -> None:
 
 
 def test_what_older_versions_kept_is_read() -> None:
-    """They named two more weights, which had no effect."""
+    """They named more weights, and of each stay the place before, which had no effect."""
     routines, _ = learned(5)
     kept = routines.to_dict()
-    older = {**kept, "config": {**kept["config"], "recent": 0.0, "moved": 36000.0}}
+    older = {**kept, "config": {**kept["config"], "recent": 0.0, "moved": 36000.0, "origin": 1.2}}
+    older["objects"] = [each | {"stays": [[*stay, -1] for stay in each["stays"]]} for each in kept["objects"]]
     assert Routines.from_dict(older).to_dict() == kept
     with pytest.raises(InputError, match="half_life"):
         Routines.from_dict({**kept, "config": {}} | {"config": {"slot": 600.0, "days": 5}})
@@ -423,11 +424,11 @@ def test_what_older_versions_kept_is_not_drawn_anew() -> None:
         {name: value for name, value in known.items() if name != "sure"} for known in kept["objects"]
     ]
     again = Routines.from_dict(json.loads(json.dumps(older)))
-    mug, last = again._things["mug"], again._last
-    before = again._history.place[: last + 1, mug].copy()
+    mug, last = again._known.things["mug"], again._known.last
+    before = again._known.history.place[: last + 1, mug].copy()
     for hours in range(2, 12, 2):
         at([rows[12 * 144 + 6 * hours]], again)
-    assert (again._history.place[: last + 1, mug] == before).all()
+    assert (again._known.history.place[: last + 1, mug] == before).all()
 
 
 def test_what_has_left_goes_its_way_and_may_be_back_but_has_not_stayed() -> None:

@@ -7,6 +7,7 @@ is by now that nobody has seen for a while, if it has moved on some days.
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,8 +17,8 @@ from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.config import WorldModelConfig, motion_of
 from world_model.kept_file import KeptFile, read_kept, write_kept
-from world_model.memory.routines import FEWEST_DAYS, Routines, RoutinesConfig
-from world_model.memory.stays import MOST, PlaceWords, days_moved, routines_of, timeline_of
+from world_model.memory.routines import Routines, RoutinesConfig
+from world_model.memory.stays import MOST, PlaceWords, routines_of, timeline_of
 from world_model.memory.store import Store
 from world_model.state import DAY, PERSON, WorldObject
 from world_model.symbols import parse_symbol
@@ -29,8 +30,6 @@ SURE = 0.7
 UNSEEN = 600.0  # s after which a thing that nobody has seen may be elsewhere by now
 MANY = 200
 """Things that are followed from the start; of more only those that are seen to move. Memory goes by things and days."""
-OLDEST = 10.0 * PERIOD
-AT_ONCE = 5  # Forecasts that are made anew with one look at the world: half a millisecond each
 DAYS = 60
 SUFFIX = ".routines"
 STAYS = 0.9  # Probability of still being there from which on nothing else is said
@@ -53,10 +52,8 @@ class Household:
         self.routines = Routines(RoutinesConfig(days=DAYS))
         self.aliases: dict[str, str] = {}
         self._at: dict[str, str] = {}
-        self._moved: dict[str, list[int]] = {}
         self._watched = -math.inf
-        self._asked = (-math.inf, 0)
-        self._forecasts: dict[str, tuple[WorldObject, float, WorldObject]] = {}
+        self._forecasts: dict[str, tuple[tuple[float, float, bool], WorldObject, WorldObject]] = {}
         self.kept = KeptFile(path, "routines", self.read, self.write)
         self._furniture = [place.name for place in places.furniture]
         self.routines.know(self._furniture)
@@ -85,11 +82,7 @@ class Household:
         ]
         self.routines = routines_of(lines, start, now, DAYS)
         self.routines.know(self._furniture)
-        for line in lines:
-            if days := days_moved(line):
-                self._moved[line.id] = days[-FEWEST_DAYS:]
-            if not line.lost:
-                self._at[line.id] = line.stays[-1].place
+        self._at |= {line.id: line.stays[-1].place for line in lines if not line.lost}
 
     def due(self, stamp: float) -> bool:
         """Whether it is time to `watch` again."""
@@ -117,7 +110,7 @@ class Household:
                 if item.last_seen > before:
                     fresh.add(item.id)
         changed = {name for name in now.keys() | self._at.keys() if now.get(name) != self._at.get(name)}
-        self._count_moves(now, changed & now.keys(), stamp)
+        self._follow(now, changed & now.keys(), stamp)
         places = {now[name] for name in fresh | changed if name in now}
         places |= {self._at[name] for name in changed if name in self._at}
         self._at |= now
@@ -126,32 +119,24 @@ class Household:
         for place in sorted(places):
             self.routines.look(place, self._followed(name for name in now if now[name] == place), stamp)
 
-    def _count_moves(self, now: Mapping[str, str], changed: Iterable[str], stamp: float) -> None:
-        """On which days each thing has moved; one that is now seen to move is followed from where it was."""
+    def _follow(self, now: Mapping[str, str], changed: Iterable[str], stamp: float) -> None:
+        """A thing that was not followed, and is now seen to move, is followed from where it was."""
         known = set(self.routines.objects)
         for name in changed:
-            old = self._at.get(name) or self.routines.last_place(name)
-            if not old or old == now[name]:
-                continue
-            days = self._moved.setdefault(name, [])
-            if (day := int(stamp // DAY)) not in days:
-                days.append(day)
-                del days[:-FEWEST_DAYS]
-            if name not in known:
+            old = self._at.get(name)
+            if old and old != now[name] and name not in known:
                 there = [other for other, at in self._at.items() if at == old and other in known]
                 self.routines.look(old, [*there, name], stamp)
 
     def _followed(self, names: Iterable[str]) -> list[str]:
         known = set(self.routines.objects)
-        return [n for n in names if n in known or n in self._moved or len(known) < MANY]
+        return [name for name in names if name in known or len(known) < MANY]
 
     def rename(self, name: str, new: str) -> None:
         """A thing has another symbol."""
         self.routines.rename(name, new)
         if name in self._at:
             self._at[new] = self._at.pop(name)
-        if name in self._moved:
-            self._moved[new] = self._moved.pop(name)
         self.aliases = {old: new if kept == name else kept for old, kept in self.aliases.items()} | {
             name: new
         }
@@ -161,7 +146,7 @@ class Household:
 
     def by_now(self, name: str, stamp: float) -> dict[str, float]:
         """Probability of each place, a room's with that of its furniture; {} for what has no routines yet."""
-        if not self._has_routines(name) or stamp < self._newest:
+        if not self.routines.are_known_of(name) or stamp < self._newest:
             return {}
         return self._by_place(self.routines.where(name, stamp))
 
@@ -171,20 +156,14 @@ class Household:
         {} where neither it nor any of its class has routines yet.
         """
         alike = self._alike(name, kind)
-        if not (alike or self._has_routines(name)):
+        if not (alike or self.routines.are_known_of(name)):
             return {}
         return self._by_place(self.routines.where(name, max(stamp, self._newest), left=True, alike=alike))
 
     def _alike(self, name: str, kind: str) -> list[str]:
         """Other things of a class that have routines."""
-        return [
-            other
-            for other in self._moved
-            if other != name and _kind(other) == kind and self._has_routines(other)
-        ]
-
-    def _has_routines(self, name: str) -> bool:
-        return len(self._moved.get(name, ())) >= FEWEST_DAYS
+        others = (other for other in self.routines.objects if other != name and _kind(other) == kind)
+        return [other for other in others if self.routines.are_known_of(other)]
 
     def odds(
         self, object_id: str, class_name: str, spot: FloatArray, stamp: float, trust: float, area: float
@@ -197,7 +176,7 @@ class Household:
         alike = self._alike(object_id, class_name)
         usual = {}
         # What is still believed to be where it was is weighed by evidence alone.
-        if object_id not in self._at and (alike or self._has_routines(object_id)):
+        if object_id not in self._at and (alike or self.routines.are_known_of(object_id)):
             # It was seen there: that others had looked there in vain says nothing any more.
             usual = self._by_place(self.routines.goes(object_id, max(stamp, self._newest), alike))
         if not usual or not around:
@@ -219,28 +198,19 @@ class Household:
     def told(
         self, item: WorldObject, stamp: float, usual: Callable[[WorldObject], Mapping[str, float]]
     ) -> WorldObject:
-        """A thing with `usual(item)`, which is asked anew every `PERIOD` s, and for few things at once."""
-        known = self._forecasts.get(item.id)
-        same = known is not None and (known[0].last_seen, known[0].lost) == (item.last_seen, item.lost)
-        if known is not None and same and self._holds(stamp, known[1]):
-            if known[0] is item:
-                return known[2]
+        """A thing with `usual(item)`, which is asked anew every `PERIOD` s, not of all things at once."""
+        turn = (stamp + zlib.crc32(item.id.encode()) % PERIOD) // PERIOD
+        key, known = (turn, item.last_seen, item.lost), self._forecasts.get(item.id)
+        if known is None or known[0] != key:
+            made = replace(item, usual=found) if (found := usual(item)) else item
+        elif known[1] is item:
+            return known[2]
+        else:
             made = replace(item, usual=known[2].usual)
-            self._forecasts[item.id] = (item, known[1], made)
-            return made
-        made = replace(item, usual=found) if (found := usual(item)) else item
         if len(self._forecasts) > 10_000:
             self._forecasts.clear()
-        self._forecasts[item.id] = (item, stamp, made)
+        self._forecasts[item.id] = key, item, made
         return made
-
-    def _holds(self, stamp: float, made_at: float) -> bool:
-        """Whether a forecast is fresh, or not old and `AT_ONCE` others were made anew at this stamp."""
-        if 0.0 <= stamp - made_at < PERIOD:
-            return True
-        at, count = self._asked
-        self._asked = (stamp, count + 1) if at == stamp else (stamp, 1)
-        return PERIOD <= stamp - made_at < OLDEST and self._asked[1] > AT_ONCE
 
     def moves(self, stamp: float, horizon: float) -> dict[str, tuple[str, float]]:
         """Things that will probably move within `horizon` s, where to, and how probably."""
@@ -262,7 +232,7 @@ class Household:
     def write(self, path: Path) -> None:
         """Write what was learned to a file. Raises OSError."""
         data = {"format": FORMAT, "version": VERSION, "aliases": self.aliases, "at": self._at}
-        write_kept(path, {**data, "moved": self._moved, "routines": self.routines.to_dict()})
+        write_kept(path, {**data, "routines": self.routines.to_dict()})
 
     def read(self, path: Path) -> None:
         """Go on from what `write` wrote. Raises OSError, and InputError where the file is no such one; nothing is
@@ -272,10 +242,9 @@ class Household:
             routines = Routines.from_dict(data["routines"])
             aliases = {str(name): str(new) for name, new in data["aliases"].items()}
             at = {str(name): str(place) for name, place in data["at"].items()}
-            moved = {str(name): [int(d) for d in days] for name, days in data["moved"].items()}
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(f"damaged: {error}") from error
-        self.routines, self.aliases, self._at, self._moved = routines, aliases, at, moved
+        self.routines, self.aliases, self._at = routines, aliases, at
 
 
 def _kind(name: str) -> str:

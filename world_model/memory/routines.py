@@ -8,8 +8,8 @@
 
 A forecast is a vote of past moments: those at about the same time of day at which the thing was at the same place. A
 moment counts the more, the closer its time of day is, the fewer things were elsewhere than now, the more alike the
-thing's own stay is (how long, where it came from), and the more recent it is. What came after these moments is the
-forecast; where few moments speak, it yields to how often things move at all.
+length of the thing's own stay is, and the more recent it is. What came after these moments is the forecast; where few
+moments speak, it yields to how often things move at all.
 
 Time is cut into slots of ten minutes. A moment's neighbours are found by the time that passed, in whole days and some
 minutes, so that no day has to begin anywhere.
@@ -19,23 +19,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from estimation.errors import InputError
-from world_model.memory.routine_kernels import (
-    GAP,
-    History,
-    Remembered,
-    RoutinesConfig,
-    fill,
-    moments,
-    outcomes,
-    stays,
-    unpacked,
-)
+from world_model.memory.remembered import Remembered, RoutinesConfig
+from world_model.memory.routine_kernels import fill, moments, outcomes, stays
 from world_model.state import DAY, HOUR
 
 __all__ = ["FEWEST_DAYS", "FORMAT", "VERSION", "Routines", "RoutinesConfig"]
@@ -43,7 +34,7 @@ __all__ = ["FEWEST_DAYS", "FORMAT", "VERSION", "Routines", "RoutinesConfig"]
 Array = np.ndarray
 FORMAT = "whereabouts.routines"
 VERSION = 1
-FEWEST_DAYS = 3  # on which a thing left a place, before it usually does anything
+FEWEST_DAYS = 3  # on which a thing moved, before it usually does anything
 EMPTY_HALF_LIFE = HOUR  # s, in which a look that did not find a thing says half as much
 
 
@@ -57,62 +48,48 @@ class Routines:
 
     def __init__(self, config: RoutinesConfig | None = None) -> None:
         self.config = config or RoutinesConfig()
-        self._day = round(DAY / self.config.slot)
-        self._places: dict[str, int] = {}
-        self._place_names: list[str] = []
-        # A day more than is remembered: a forecast fills in what is not yet known.
-        self._known = Remembered((self.config.days + 2) * self._day)
-        # Moves of anything, and slots times things, both forgotten by half-life.
-        self._moves = self._exposure = 0.0
-        self._first = self._last = -1
-        self._stamp = -math.inf
-        self._looked = np.full(0, -np.inf)  # (P,) s, newest look at each place
-        self._version = 0
-        self._alike: tuple[tuple[int, int], tuple[Array, Array]] | None = None
-
-    @property
-    def _things(self) -> dict[str, int]:
-        return self._known.things
-
-    @property
-    def _history(self) -> History:
-        return self._known.history
-
-    @property
-    def _seen(self) -> Array:
-        return self._known.seen
+        self._known = Remembered(self.config)
+        self._alike: tuple[int, tuple[Array, Array]] | None = None
+        self._days: dict[str, int] = {}
 
     @property
     def places(self) -> tuple[str, ...]:
         """Places known, in the order in which they were first looked at."""
-        return tuple(self._place_names)
+        return tuple(self._known.places)
 
     @property
     def objects(self) -> tuple[str, ...]:
         """Objects remembered."""
-        return tuple(self._things)
+        return tuple(self._known.things)
 
     @property
     def to_stamp(self) -> float | None:
         """Newest look, s; None before the first."""
-        return self._stamp if self._last >= 0 else None
+        return self._known.stamp if self._known.last >= 0 else None
 
     def last_place(self, object: str) -> str:
         """Where an object was seen last, "" where that is not known."""
-        thing = self._things.get(object)
-        place = -1 if thing is None else self._last_seen(thing)[1]
-        return self._place_names[place] if place >= 0 else ""
+        thing = self._known.things.get(object)
+        place = -1 if thing is None else self._known.last_seen(thing)[1]
+        return self.places[place] if place >= 0 else ""
+
+    def are_known_of(self, object: str) -> bool:
+        """Whether an object was seen to have moved on `FEWEST_DAYS`: what has not may do anything."""
+        if object not in self._days and object in self._known.things:
+            self._days[object] = self._known.days_moved(self._known.things[object])
+        return self._days.get(object, 0) >= FEWEST_DAYS
 
     def rename(self, object: str, new: str) -> None:
         """An object has another name; one that has it already stays as it is."""
-        _name("object", new)
-        if object in self._things and new not in self._things:
-            self._things[new] = self._things.pop(object)
+        things = self._known.things
+        if object in things and _name("object", new) not in things:
+            things[new] = things.pop(object)
+            self._days = {}
 
     def know(self, places: Iterable[str]) -> None:
         """There are these places, though nobody has looked at them yet."""
         for name in places:
-            self._place(_name("places", name))
+            self._known.place(_name("places", name))
 
     def look(self, place: str, objects: Iterable[str], stamp: float) -> None:
         """All things that are at `place` at `stamp` (UTC, s): what was there and is absent has gone.
@@ -121,25 +98,10 @@ class Routines:
         ------
         InputError : an empty name, a stamp that is not finite or before the newest look.
         """
-        named = _names(objects)
-        _name("place", place)
-        self._advance(self._checked(stamp))
-        index = self._place(place)
-        present = np.array([self._known.column(name) for name in named], np.int64)
-        row = self._last % len(self._history.place)
-        now = self._history.place[row]
-        absent = now == index
-        absent[present] = False
-        for thing in np.flatnonzero(absent).tolist():
-            self._moves += self._known.set(self._last, thing, -1)
-        for thing in present[now[present] != index].tolist():
-            self._moves += self._known.set(self._last, thing, index)
-        self._known.sure[row, absent], self._known.sure[row, present] = False, True
-        self._known.looked[row, index] = True
-        for name in named:
-            self._recall(name)
-        self._seen[present] = self._looked[index] = self._stamp
-        self._version += 1
+        named, _ = _names(objects), _name("place", place)
+        self._known.advance(self._checked(stamp))
+        self._known.look(place, named)
+        self._alike, self._days = None, {}
 
     def where(
         self, object: str, stamp: float, left: bool = False, alike: Iterable[str] = ()
@@ -149,11 +111,11 @@ class Routines:
         left : it is not where it was seen last, as the one who asks knows. alike : objects of its kind; what is little
         known, or not at all, goes where these are.
         """
-        stamp = self._checked(stamp)
-        thing = self._things.get(object)
-        chance = self._expected(object, self._slot(stamp), left, alike)
-        if thing is not None:
-            chance = _unseen(chance, self._slot(self._seen[thing]), self._looked, self.config.slot, stamp)
+        stamp, known = self._checked(stamp), self._known
+        chance = self._expected(object, known.slot(stamp), left, alike)
+        if object in known.things:
+            seen = known.slot(known.seen[known.things[object]])
+            chance = _unseen(chance, seen, known.looked_at, self.config.slot, stamp)
         return self._named(chance)
 
     def goes(self, object: str, stamp: float, alike: Iterable[str] = ()) -> dict[str, float]:
@@ -161,21 +123,20 @@ class Routines:
 
         alike : as of `where`.
         """
-        return self._named(self._expected(object, self._slot(self._checked(stamp)), True, alike))
+        return self._named(self._expected(object, self._known.slot(self._checked(stamp)), True, alike))
 
     def _expected(self, object: str, now: int, left: bool, alike: Iterable[str]) -> Array:
         """Where an object is in slot `now` (P,), by where it was seen last; empty where nothing is known."""
-        thing = self._things.get(object)
+        known, count = self._known, len(self._known.places)
+        thing = known.things.get(object)
         if thing is None:
-            like = [name for name in alike if name in self._things]
+            like = [name for name in alike if name in known.things]
             return self._base(like, now) if like else np.zeros(0)
-        slot, place = self._last_seen(thing)
+        slot, place = known.last_seen(thing)
         ahead = self._within_reach(now - slot)
-        missing = int(self._history.place[self._last % len(self._history.place), thing]) < 0
+        missing = int(known.history.place[known.last % len(known.looked), thing]) < 0
         if ahead <= 0 and not (left or missing):
-            chance = np.zeros(len(self._place_names))
-            chance[place] = 1.0
-            return chance
+            return np.eye(count)[place]
         base = self._base(alike, now)
         if place < 0 or not (left or missing):
             return self._forecast(thing, slot, place, ahead, self._prior(base, place, ahead), moving=False)
@@ -190,31 +151,31 @@ class Routines:
         return chance / total if total > 0.0 else away
 
     def _named(self, chance: Array) -> dict[str, float]:
-        return dict(zip(self._place_names, chance.tolist(), strict=False))
+        return dict(zip(self._known.places, chance.tolist(), strict=False))
 
     def _next(self, thing: int, slot: int, place: int, base: Array) -> Array:
         """Where it goes when it leaves `place`, whenever that is within a day (P,)."""
         elsewhere = self._prior(base, place, math.inf)
-        chance = self._forecast(thing, slot, place, self._day, elsewhere, moving=True)
+        chance = self._forecast(thing, slot, place, self._known.day, elsewhere, moving=True)
         chance[place] = 0.0
         return chance if chance.any() else elsewhere
 
     def _base(self, alike: Iterable[str], slot: int) -> Array:
         """Where anything is (P,): each place counts as much as one of the objects `alike` at this time of day."""
-        count = len(self._place_names)
+        count = len(self._known.places)
         found, shares = np.full(count, 1.0 / max(count, 1)), 1
-        for thing in [self._things[name] for name in alike if name in self._things]:
+        for thing in [self._known.things[name] for name in alike if name in self._known.things]:
             found += self._shares(thing, slot)
             shares += 1
         return found / shares
 
     def _shares(self, thing: int, slot: int) -> Array:
         """Share of the time that it was at each place at about this time of day (P,); anywhere where it never was."""
-        count, window = len(self._place_names), self.config.reach
-        days = slot - self._day * np.arange(self.config.days + 2)
+        known, count, window = self._known, len(self._known.places), self.config.reach
+        days = slot - known.day * np.arange(self.config.days + 2)
         slots = (days[:, None] + np.arange(-window, window + 1)).ravel()
-        slots = slots[(slots >= self._oldest(self._last)) & (slots <= self._last)]
-        there = self._history.place[slots % len(self._history.place), thing]
+        slots = slots[(slots >= known.oldest(known.last)) & (slots <= known.last)]
+        there = known.history.place[slots % len(known.looked), thing]
         counted = np.bincount(there[there >= 0], minlength=count)
         return counted / counted.sum() if counted.any() else np.full(count, 1.0 / count)
 
@@ -226,15 +187,15 @@ class Routines:
         stamp = self._checked(stamp)
         if not math.isfinite(horizon) or horizon < 0.0:
             raise InputError(f"horizon must be finite and not negative, s, not {horizon}")
-        ahead = self._within_reach(round(horizon / self.config.slot))
-        if self._last < 0 or ahead < 1:
+        known, ahead = self._known, self._within_reach(round(horizon / self.config.slot))
+        if known.last < 0 or ahead < 1:
             return {}
-        slot = self._last + self._within_reach(self._slot(stamp) - self._last)
-        fill(self._history, self._last, slot)  # until something else is seen, all is as it was
+        slot = known.last + self._within_reach(known.slot(stamp) - known.last)
+        fill(known.history, known.last, slot)  # until something else is seen, all is as it was
         base = self._base((), slot)
-        now = self._history.place[slot % len(self._history.place)]
+        now = known.history.place[slot % len(known.looked)]
         expected = {}
-        for name, thing in self._things.items():
+        for name, thing in known.things.items():
             place = int(now[thing])
             if place < 0:
                 continue
@@ -242,7 +203,7 @@ class Routines:
             chance[place] = 0.0
             to = int(chance.argmax())
             if chance[to] >= self.config.threshold:
-                expected[name] = (self._place_names[to], float(chance[to]))
+                expected[name] = (self.places[to], float(chance[to]))
         return expected
 
     def explain(self, object: str, stamp: float) -> str:
@@ -250,38 +211,19 @@ class Routines:
 
         Only stays count that lasted into the hour around the time of day of `stamp`, or all where there is none.
         """
-        stamp = self._checked(stamp)
-        thing = self._things.get(object)
+        slot, known = self._known.slot(self._checked(stamp)), self._known
+        thing = known.things.get(object)
         if thing is None:
             return f"{object} has not been seen."
-        _, place = self._last_seen(thing)
+        _, place = known.last_seen(thing)
         if place < 0:
             return f"Nobody knows where {object} is."
-        ended = stays(self._history, thing, place, self._oldest(self._last), self._last)
-        return usual_move(object, place, ended, self._slot(stamp), self.config.slot, self._place_names)
+        ended = stays(known.history, thing, place, known.oldest(known.last), known.last)
+        return usual_move(object, place, ended, slot, self.config.slot, self.places)
 
     def to_dict(self) -> dict[str, Any]:
-        """All that was learned, as JSON-able data.
-
-        For each object its stays (since slot, place, place before), and the slots in which it was seen, packed.
-        """
-        slots = np.arange(self._oldest(self._last), self._last + 1) if self._last >= 0 else np.zeros(0, int)
-        return {
-            "format": FORMAT,
-            "version": VERSION,
-            "config": asdict(self.config),
-            "stamp": self._stamp if self._last >= 0 else None,
-            "first": self._first,
-            "last": self._last,
-            "moves": self._moves,
-            "exposure": self._exposure,
-            "places": {name: _finite(self._looked[index]) for index, name in enumerate(self._place_names)},
-            "looks": {name: self._known.looks(index, slots) for index, name in enumerate(self._place_names)},
-            "objects": [
-                {"name": name, "seen": _finite(self._seen[thing]), **self._known.of(thing, slots)}
-                for name, thing in self._things.items()
-            ],
-        }
+        """All that was learned, as JSON-able data; see `Remembered.to_dict`."""
+        return {"format": FORMAT, "version": VERSION, **self._known.to_dict()}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Routines:
@@ -296,121 +238,40 @@ class Routines:
         try:
             # Older files name weights that had no effect.
             config = {each.name: data["config"][each.name] for each in fields(RoutinesConfig)}
-            return cls(RoutinesConfig(**config))._restored(data)
+            made = cls(RoutinesConfig(**config))
+            made._known.restore(data)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
             raise InputError(f"{FORMAT}: {error!r}") from error
-
-    def _restored(self, data: Mapping[str, Any]) -> Routines:
-        for name, looked in data["places"].items():
-            place = self._place(name)
-            self._looked[place] = -np.inf if looked is None else looked
-        self._first, self._last = int(data["first"]), int(data["last"])
-        if self._last < 0:
-            return self
-        self._stamp = float(data["stamp"])
-        self._moves, self._exposure = float(data["moves"]), float(data["exposure"])
-        slots = np.arange(self._oldest(self._last), self._last + 1)
-        for name, packed in data.get("looks", {}).items():
-            self._known.looked[slots % len(self._known.looked), self._places[name]] = unpacked(
-                packed, len(slots)
-            )
-        for kept in data["objects"]:
-            thing = self._known.column(kept["name"])
-            self._seen[thing] = -np.inf if kept["seen"] is None else kept["seen"]
-            self._known.put(thing, slots, kept)
-        return self
+        return made
 
     def _checked(self, stamp: float) -> float:
         if not math.isfinite(stamp):
             raise InputError(f"stamp must be finite, s, not {stamp}")
-        if stamp < self._stamp:
-            raise InputError(f"stamp {stamp} is before the newest look, {self._stamp}")
+        if stamp < self._known.stamp:
+            raise InputError(f"stamp {stamp} is before the newest look, {self._known.stamp}")
         return float(stamp)
-
-    def _slot(self, stamp: float) -> int:
-        return math.floor(stamp / self.config.slot)
 
     def _within_reach(self, slots: int) -> int:
         """The same time of day within the next 24 h: further ahead a day is like another."""
-        return slots if slots <= self._day else (slots - 1) % self._day + 1
-
-    def _oldest(self, last: int) -> int:
-        """The oldest slot that counts when `last` is the newest."""
-        return max(self._first, last - self.config.days * self._day + 1)
-
-    def _advance(self, stamp: float) -> None:
-        """Time goes on to `stamp`; what is not looked at stays where it is believed to be."""
-        slot = self._slot(stamp)
-        self._stamp = stamp
-        if self._last < 0:
-            self._first = self._last = slot
-        elif slot > self._last:
-            passed = slot - self._last
-            self._known.advance(self._last, slot)
-            kept = 0.5 ** (passed / (self._day * self.config.half_life))
-            self._moves *= kept
-            self._exposure = kept * self._exposure + passed * len(self._things)
-            if slot // self._day > self._last // self._day:
-                self._forget(slot)
-            self._last = slot
-
-    def _forget(self, slot: int) -> None:
-        """Things that were not seen for as long as anything is remembered are dropped."""
-        oldest = (slot - self.config.days * self._day) * self.config.slot
-        for name in [name for name, thing in self._things.items() if self._seen[thing] < oldest]:
-            self._known.drop(name)
-
-    def _place(self, name: str) -> int:
-        if name not in self._places:
-            self._places[name] = len(self._place_names)
-            self._place_names.append(name)
-            self._looked = np.append(self._looked, -np.inf)
-            self._known.add_place()
-        return self._places[name]
-
-    def _recall(self, name: str) -> None:
-        """What nobody saw of a thing since it was last seen, now that it is."""
-        seen = float(self._seen[self._things[name]])
-        first = self._oldest(self._last)
-        low = max(self._last - GAP * self._day, first)
-        low = max(self._slot(seen), low) if math.isfinite(seen) else self._last
-        if low < self._last - 1:
-            self._known.recall(name, low, self._last, first, -math.expm1(-self._rate()), self.config)
-
-    def _rate(self) -> float:
-        """Of moves of anything, per slot."""
-        return (self._moves + 1.0) / (self._exposure + self._day)
-
-    def _last_seen(self, thing: int) -> tuple[int, int]:
-        """Slot and place of where a forecast starts: where the thing was last known to be (-1: not remembered)."""
-        rows = len(self._history.place)
-        place = int(self._history.place[self._last % rows, thing])
-        if place >= 0:
-            # Not longer ago than a day: its row is still there, and no day differs from the next.
-            return max(self._slot(self._seen[thing]), self._last - self._day), place
-        slot = max(int(self._history.since[self._last % rows, thing]) - 1, self._last - self._day)
-        if slot < self._first:
-            return slot, -1
-        return slot, int(self._history.place[slot % rows, thing])
+        day = self._known.day
+        return slots if slots <= day else (slots - 1) % day + 1
 
     def _moments(self, slot: int) -> tuple[Array, Array]:
         """Past moments like `slot` with their log weights, both (E,)."""
-        key = (slot, self._version)
-        if self._alike is None or self._alike[0] != key:
-            newest = max(slot, self._last)
-            found = moments(self._history, slot, self._oldest(newest), self._last, self._day, self.config)
-            self._alike = key, found
+        known = self._known
+        if self._alike is None or self._alike[0] != slot:
+            first = known.oldest(max(slot, known.last))
+            self._alike = slot, moments(known.history, slot, first, known.last, known.day, self.config)
         return self._alike[1]
 
     def _forecast(self, thing: int, slot: int, place: int, ahead: int, prior: Array, moving: bool) -> Array:
         """Probabilities (P,) of where the thing is, or first moves to, `ahead` slots after it was at a place."""
         if place < 0:
             return prior
-        found, weights = self._moments(slot)
+        known, alike = self._known, self._moments(slot)
         votes, days = outcomes(
-            self._history, thing, slot, found, weights, self._last, ahead, self._day, moving, self.config,
-            len(self._place_names),
-        )  # fmt: skip
+            known.history, thing, slot, alike, (known.last, ahead, known.day), moving, self.config, len(prior)
+        )
         if days <= 0.0:
             return prior
         chance: Array = (votes / votes.sum() * days + self.config.prior * prior) / (days + self.config.prior)
@@ -422,7 +283,7 @@ class Routines:
             return base
         prior = base.copy()
         prior[place] = 0.0
-        stays_here = math.exp(-self._rate() * ahead)
+        stays_here = math.exp(-self._known.rate * ahead)
         prior *= (1.0 - stays_here) / prior.sum()
         prior[place] = stays_here
         return prior
@@ -447,10 +308,6 @@ def _names(objects: Iterable[str]) -> list[str]:
     if isinstance(objects, str):
         raise InputError("objects must be several names, not one text")
     return list(dict.fromkeys(_name("objects", name) for name in objects))
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def usual_move(name: str, place: int, ended: Array, slot: int, length: float, places: Sequence[str]) -> str:

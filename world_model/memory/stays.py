@@ -21,7 +21,7 @@ MOST = 25_000  # Rows of history that are looked through for all objects at once
 STEP = 0.005  # m: what moves less from row to row rests
 APART = 0.5  # m: so far from where it was something has been moved, where no other place says so
 AWAY = 900.0  # s: what was missing for longer and is back began another stay
-PRIOR_MOVES, PRIOR_TIME = 0.5, 2.0 * DAY  # What is taken to be known of the rate of moves of anything
+PRIOR = 2.0 * DAY  # s in which anything is taken to have moved once
 BACK_AGAIN = 0.25  # Share of moves between two looks that lead back before the second
 FOUND_AFTER = 1200.0  # s: what was missing is found about so long after it came back
 
@@ -104,11 +104,9 @@ class Timeline:
 
     @property
     def rate(self) -> float:
-        """1/s, at which it moves, with what is known of anything."""
-        if not self.stays:
-            return PRIOR_MOVES / PRIOR_TIME
+        """1/s, at which it moves, with what is known of anything; there is a stay."""
         known = self.stays[-1].until - self.stays[0].since
-        return (len(self.stays) - 1 + PRIOR_MOVES) / (known + PRIOR_TIME)
+        return len(self.stays) / (known + PRIOR)
 
     def at(self, stamp: float) -> tuple[dict[str, float], ObjectStay | None]:
         """Probability by place at a moment, and the stay that is most probable; {} before it was first seen.
@@ -313,13 +311,13 @@ def routines_of(lines: Iterable[Timeline], start: float, now: float, days: int) 
     number = {name: index for index, name in enumerate(dict.fromkeys(places))}
     moves, things = 0, []
     for name, course in courses.items():
-        runs = [[first, first, -1, -1]]
+        runs, at = [[first, first, -1]], -1
         for stamp, place in course:
             # What has gone is still there in the slot in which it went.
             slot = math.floor(stamp / config.slot) + (place is None)
-            before = runs[-1][2] if runs[-1][2] >= 0 else runs[-1][3]
-            row = [max(slot, first), slot, -1 if place is None else number[place], before]
-            moves += place is not None and row[0] > first and row[3] not in (-1, row[2])
+            row = [max(slot, first), slot, -1 if place is None else number[place]]
+            moves += place is not None and row[0] > first and at not in (-1, row[2])
+            at = at if place is None else row[2]
             if runs[-1][0] == row[0]:
                 runs.pop()
             runs.append(row)
@@ -330,9 +328,3 @@ def routines_of(lines: Iterable[Timeline], start: float, now: float, days: int) 
         "objects": things,
     }  # fmt: skip
     return Routines.from_dict(data)
-
-
-def days_moved(line: Timeline) -> list[int]:
-    """The days, UTC, on which a thing was found at another place than before, oldest first."""
-    days = [int(now.since // DAY) for was, now in itertools.pairwise(line.stays) if now.place != was.place]
-    return list(dict.fromkeys(days))

@@ -11,10 +11,11 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
-from estimation.geometry.places import Place
+from estimation.geometry.places import Place, Places
 
 CELL = 0.5  # metres
 CLEARANCE = 0.25  # metres
+MARGIN = 2.0  # metres
 # On a floor nobody knows, metres: seen well enough to know its furniture, and how fast what is beyond becomes unlikely;
 # how far it may go on beyond what has been seen; between candidates, of which there are MOST along a side at most.
 # Who comes in stands at a wall: out on that side is DOOR times farther.
@@ -26,14 +27,22 @@ class Coverage:
 
     Parameters
     ----------
-    low, high : (2,) metres, corners of the floor where there is no grid. grid : its reachable cells are the floor.
+    grid : its reachable cells are the floor. places : else the rooms are. known : (N, 2) metres; where there are none,
+    the floor extends MARGIN around these.
     """
 
     def __init__(
-        self, view: float, low: FloatArray, high: FloatArray, grid: OccupancyGrid | None = None
+        self, view: float, grid: OccupancyGrid | None, places: Places | None, known: FloatArray
     ) -> None:
         self.view = view
         self.grid = grid
+        if grid is not None:
+            low, high = bounds_of(grid)
+        elif places is not None and len(places.rooms):
+            corners = np.vstack([room.polygon for room in places.rooms])
+            low, high = corners.min(axis=0), corners.max(axis=0)
+        else:
+            low, high = known.min(axis=0) - MARGIN, known.max(axis=0) + MARGIN
         x = np.arange(low[0] + 0.5 * CELL, max(high[0], low[0] + CELL), CELL)
         y = np.arange(low[1] + 0.5 * CELL, max(high[1], low[1] + CELL), CELL)
         self._cells = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -41,7 +50,6 @@ class Coverage:
             self._cells = self._cells[grid.lookup(self._cells) < 0.0]
         self._seen = np.zeros(len(self._cells), dtype=np.bool_)
         self._within: dict[str, npt.NDArray[np.bool_]] = {}
-        self._going: tuple[str, int] | None = None  # room and cell of the last answer
 
     def look(self, place: FloatArray) -> None:
         """The robot was at a place (2,)."""
@@ -73,11 +81,8 @@ class Coverage:
     def next_place(self, place: FloatArray, room: Place | None = None) -> FloatArray | None:
         """Where to look next from a place (2,), in a room or anywhere: much that is new for little driving.
 
-        The same as the last time until it has been seen; None when all has been seen.
+        None when all has been seen.
         """
-        name = "" if room is None else room.name
-        if self._going is not None and self._going[0] == name and not self._seen[self._going[1]]:
-            return np.asarray(self._cells[self._going[1]])
         open_cells = ~self._seen if room is None else ~self._seen & self._inside(room)
         numbers = np.flatnonzero(open_cells)
         left = self._cells[numbers]
@@ -95,7 +100,6 @@ class Coverage:
         chosen = order[:: max(len(order) // 30, 1)]
         fresh = (np.hypot(*(left[chosen, None] - left[None]).transpose(2, 0, 1)) <= self.view).sum(axis=1)
         best = chosen[int(np.argmax(fresh / (lengths[chosen] + self.view)))]
-        self._going = name, int(numbers[best])
         return np.asarray(left[best])
 
 

@@ -23,7 +23,7 @@ from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.places import Place, Places
 from estimation.settings import check_settings, setting
-from world_model.tasks.coverage import Coverage, bounds_of, middle_of, where_more_is_seen
+from world_model.tasks.coverage import Coverage, middle_of, where_more_is_seen
 from world_model.tasks.relations import IntArray, Relations
 from world_model.tasks.ways import Entrances
 
@@ -35,7 +35,6 @@ FLOOR = 0.1
 SAME_OBJECT = 1.0  # metres that one object may seem to move between two looks
 LIKELY = 0.2  # probability of a place from which on the search goes there first
 LEAST = 0.1  # share of a room's floor that may stay unseen: corners, and what stands in front of them
-MARGIN = 2.0  # metres around everything seen that a floor nobody knows may extend
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,6 @@ class SearchConfig:
     relevance: float = setting(
         0.3, "", "objects less related to the target than this share of the best are ignored", 0.0, 1.0
     )
-    nearness: float = setting(0.5, "m", "objects nearer than this count as equally near", 0.01, 10.0)
     dead_end_radius: float = setting(
         1.5,
         "m",
@@ -81,34 +79,52 @@ class SearchStep:
     probability: float = 0.0
 
 
-def worths(relations: Relations, target: str, room: str, chain_share: float) -> dict[str, float]:
+class Worths:
     """How exclusively each known name goes with the target, directly or through one other; in [0, 1].
 
-    room : type of room, "" for anywhere. Of p(o | T) only what exceeds p(o)² counts: that a sofa is in view where the
-    target is says little where sofas are always in view, as they are for a camera that sees far.
+    Of p(o | T) only what exceeds p(o)² counts: that a sofa is in view where the target is says little where sofas are
+    always in view, as they are for a camera that sees far.
     """
-    names = relations.names
-    if target not in relations:
-        return dict.fromkeys(names, 0.0)
-    every, at = np.arange(len(names)), names.index(target)
-    everywhere = relations.ubiquity(room)[:, None] ** 2
 
-    def both_ways(others: IntArray) -> tuple[FloatArray, FloatArray]:
-        """(N, M) of what counts of p(name | other), and of sqrt(p(name | other) p(other | name))."""
-        there, back = relations.block(every, others, room), relations.block(others, every, room).T
-        telling = np.maximum((there - everywhere) / np.maximum(1.0 - everywhere, 1e-9), FLOOR * there)
-        return np.sqrt(telling * back), np.sqrt(there * back)
+    def __init__(self, relations: Relations, target: str, chain_share: float) -> None:
+        self._relations, self._target, self._share = relations, target, chain_share
+        self._known: dict[str, dict[str, float]] = {}  # by type of room
 
-    # What a chain leads through is not in view yet: it may be common where it is.
-    through, onward = (each[:, 0] for each in both_ways(np.array([at])))
-    through[at] = onward[at] = 0.0
-    # Chains through a name that has little to do with the target are worth little themselves.
-    over = np.argsort(-onward, kind="stable")[:LINKS]
-    chained = both_ways(over)[0] * onward[None, over]
-    chained[over, np.arange(len(over))] = 0.0
-    chained[at] = 0.0
-    worth = np.maximum(through, chain_share * chained.max(axis=1, initial=0.0))
-    return dict(zip(names, worth.tolist(), strict=True))
+    def of(self, name: str, room: Place | None) -> float:
+        """Of a name in a room, or anywhere."""
+        return self._in(room).get(self._relations.unified(name), 0.0)
+
+    def most(self, room: Place | None) -> float:
+        """Of the best name in a room, or anywhere."""
+        return max(self._in(room).values(), default=0.0)
+
+    def _in(self, room: Place | None) -> dict[str, float]:
+        kind = "" if room is None else room.type
+        if kind not in self._known:
+            self._known[kind] = self._made(kind) if self._target in self._relations else {}
+        return self._known[kind]
+
+    def _made(self, room: str) -> dict[str, float]:
+        relations, names = self._relations, self._relations.names
+        every, at = np.arange(len(names)), names.index(self._target)
+        everywhere = relations.ubiquity(room)[:, None] ** 2
+
+        def both_ways(others: IntArray) -> tuple[FloatArray, FloatArray]:
+            """(N, M) of what counts of p(name | other), and of sqrt(p(name | other) p(other | name))."""
+            there, back = relations.block(every, others, room), relations.block(others, every, room).T
+            telling = np.maximum((there - everywhere) / np.maximum(1.0 - everywhere, 1e-9), FLOOR * there)
+            return np.sqrt(telling * back), np.sqrt(there * back)
+
+        # What a chain leads through is not in view yet: it may be common where it is.
+        through, onward = (each[:, 0] for each in both_ways(np.array([at])))
+        through[at] = onward[at] = 0.0
+        # Chains through a name that has little to do with the target are worth little themselves.
+        over = np.argsort(-onward, kind="stable")[:LINKS]
+        chained = both_ways(over)[0] * onward[None, over]
+        chained[over, np.arange(len(over))] = 0.0
+        chained[at] = 0.0
+        worth = np.maximum(through, self._share * chained.max(axis=1, initial=0.0))
+        return dict(zip(names, worth.tolist(), strict=True))
 
 
 class Chain:
@@ -182,15 +198,12 @@ class ObjectSearch:
         """Forget dead ends, intermediate targets and what has been covered: a new search begins."""
         # By name, where objects were and where the robot looked from.
         self._dead: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
-        self._target = ""
-        self._worths: dict[str, dict[str, float]] = {}  # by type of room
-        self._chain = self.chain_type(self.relations, self.config, "")
+        self._aim("")
         self._rooms_left: set[str] = set()
         self._room_ahead = ""
         self._driven_to: set[str] = set()
         self._entrances = Entrances(self.places or Places())
         self._middles: list[FloatArray] = []
-        self._exploring: tuple[int, FloatArray] | None = None
         self._coverage: Coverage | None = None
         self._looks: list[FloatArray] = []  # where the robot looked from, and goals that it could not reach
         self._track: list[FloatArray] = []
@@ -256,9 +269,13 @@ class ObjectSearch:
         self._step = self._choose(known, place)
         return self._step
 
-    def _begin(self, target: str) -> None:
+    def _aim(self, target: str) -> None:
         self._target = target
+        self._worths = Worths(self.relations, target, self.config.chain_share)
         self._chain = self.chain_type(self.relations, self.config, target)
+
+    def _begin(self, target: str) -> None:
+        self._aim(target)
         if self.places is not None and len(self.places.rooms):
             self._rooms_left = {room.name for room in self.places.rooms}
             self._coverage = self._floor({})
@@ -317,14 +334,9 @@ class ObjectSearch:
 
     def _likely(self, place: FloatArray) -> SearchStep | None:
         """The place where the target probably is by now, of those nobody has looked at yet: probable, and near."""
-        if self.places is None:
-            return None
-        able = {
-            name: p
-            for name, p in self._expected.items()
-            if p >= LIKELY and name not in self._looked and name in self._furniture
-        }
-        if not able:
+        left = self._furniture - self._looked
+        able = {name: p for name, p in self._expected.items() if p >= LIKELY and name in left}
+        if self.places is None or not able:
             return None
         centres = {name: np.asarray(self.places[name].center) for name in able}
         best = max(able, key=lambda name: able[name] / (math.dist(centres[name], place) + 3.0))
@@ -341,8 +353,7 @@ class ObjectSearch:
         # A drive to it has ended, and the robot is not in it.
         self._rooms_left -= self._driven_to - here
         self._driven_to -= here
-        types = sorted({room.type for room in rooms})
-        share = self.relations.rooms(self._target, types) if types else {}
+        share = self.relations.rooms(self._target, sorted({room.type for room in rooms}))
         ways = self._entrances.seen_from(place, self.grid)
         worth: dict[str, float] = {}
         for room in rooms:
@@ -354,9 +365,8 @@ class ObjectSearch:
 
     def _unseen(self, room: Place) -> float:
         """Share of a room's floor that is worth looking at."""
-        if self.config.method == "chain":
+        if self._coverage is None or self.config.method == "chain":
             return 1.0
-        assert self._coverage is not None
         left = self._coverage.unseen(room)
         return left if left >= LEAST else 0.0
 
@@ -367,8 +377,10 @@ class ObjectSearch:
         place: FloatArray,
         room: Place | None,
     ) -> SearchStep | None:
-        worth = {name: self._value(name, room) * self._freshness(spot, room) for name, spot in able.items()}
-        most = max(self._worths_in(room).values(), default=0.0)
+        worth = {
+            name: self._worths.of(name, room) * self._freshness(spot, room) for name, spot in able.items()
+        }
+        most = self._worths.most(room)
         related = {
             name: value
             for name, value in worth.items()
@@ -383,32 +395,19 @@ class ObjectSearch:
             elif middle is not None:
                 return SearchStep("room", middle, "", self._said(why, "drive to where more can be seen."))
             if room is None and self.grid is None:
-                spot = self._onward(known, place)
+                spot = where_more_is_seen(list(known.values()), self._track, place, self._middles)
                 if spot is not None:
                     return SearchStep("room", spot, "", self._said(why, "drive to unseen floor."))
             related = worth
         if not related:
             return None
-        best = max(
-            related,
-            key=lambda name: (related[name] + 1e-9) / (math.dist(able[name], place) + self.config.nearness),
-        )
+        best = max(related, key=lambda name: (related[name] + 1e-9) / max(math.dist(able[name], place), 1e-3))
         return self._towards(best, able[best], related[best], room)
 
     def _said(self, why: str, then: str) -> str:
         """A sentence about a step that no object hints at; of a word that nobody knows nothing else is to be said."""
         unknown = self._target not in self.relations
         return f"{f'{self._target} is an unknown word' if unknown else why}: {then}"
-
-    def _worths_in(self, room: Place | None) -> dict[str, float]:
-        """How much each known name has to do with the target in a room, or anywhere."""
-        kind = room.type if room is not None else ""
-        if kind not in self._worths:
-            self._worths[kind] = worths(self.relations, self._target, kind, self.config.chain_share)
-        return self._worths[kind]
-
-    def _value(self, name: str, room: Place | None) -> float:
-        return self._worths_in(room).get(self.relations.unified(name), 0.0)
 
     def _freshness(self, spot: FloatArray, room: Place | None) -> float:
         """Falls to zero where the target would have been seen: on floor that was looked at, or near dead ends."""
@@ -431,19 +430,9 @@ class ObjectSearch:
             return None
         return middle
 
-    def _onward(self, known: Mapping[str, FloatArray], place: FloatArray) -> FloatArray | None:
-        """Where to explore a floor nobody knows: one goal until it is reached or something new is seen."""
-        if self._exploring is not None:
-            seen, spot = self._exploring
-            if seen == len(known) and not any(spot is been for been in self._middles):
-                return spot
-        found = where_more_is_seen(list(known.values()), self._track, place, self._middles)
-        self._exploring = None if found is None else (len(known), found)
-        return found
-
     def _towards(self, name: str, spot: FloatArray, chance: float, room: Place | None = None) -> SearchStep:
         said = f"{self._target} is not in view. It is often found with {name} (p = {chance:.2f}): look there."
-        if self._value(name, room) <= 0.0:
+        if self._worths.of(name, room) <= 0.0:
             said = f"{self._target} is not in view, and neither is anything it is usually found with: look at {name}."
         return SearchStep("intermediate", spot, name, said, chance)
 
@@ -453,27 +442,16 @@ class ObjectSearch:
             self._coverage = self._floor(known)
         goal = self._coverage.next_place(place)
         if goal is None:
-            return SearchStep(
-                "none",
-                None,
-                "",
-                f"{self._target} was not found: the whole floor that can be reached has been seen.",
-            )
+            said = f"{self._target} was not found: the whole floor that can be reached has been seen."
+            return SearchStep("none", None, "", said)
         why = f"No object hints at {self._target} any more"
         said = self._said(why, f"search the whole floor ({self._coverage.share:.0%} seen).")
         return SearchStep("random", goal, "", said)
 
     def _floor(self, known: Mapping[str, FloatArray]) -> Coverage:
         """What there is to look at, and what the robot has looked at so far."""
-        if self.grid is not None:
-            low, high = bounds_of(self.grid)
-        elif self.places is not None and len(self.places.rooms):
-            corners = np.vstack([room.polygon for room in self.places.rooms])
-            low, high = corners.min(axis=0), corners.max(axis=0)
-        else:
-            every = np.array([*known.values(), *self._track])
-            low, high = every.min(axis=0) - MARGIN, every.max(axis=0) + MARGIN
-        floor = Coverage(self.config.view, low, high, self.grid)
+        every = np.array([*known.values(), *self._track])
+        floor = Coverage(self.config.view, self.grid, self.places, every)
         for place in self._looks:
             floor.look(place)
         return floor
