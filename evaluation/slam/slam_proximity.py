@@ -15,7 +15,8 @@ from estimation.geometry.poses import between, compound, wrap_angle
 from evaluation.slam.slam_as_node import Driven
 from evaluation.slam.slam_direct import Direct
 from evaluation.slam.slam_judging import Closed, Followed
-from loop_closure.graph.pose_graph import Edge, SmoothedGraph
+from loop_closure.graph.edges import Edge
+from loop_closure.graph.pose_graph import SmoothedGraph
 
 Array = NDArray[np.float64]
 KIND = "proximity search, small_gicp, gtsam"

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from numba import njit
 
 from estimation.checks import FloatArray
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.growing_array import GrowingArray
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import planar, positions

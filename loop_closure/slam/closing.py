@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.checks import FloatArray
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.uncertainty import DEVIATIONS, NEAR
 from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import compose, length, motion, planar, positions, turn

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import invert, length, motion, orthonormal, turn
 from registration.clouds.cloud_registration import align_clouds, overlap, polish, thin

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from loop_closure.graph.pose_graph import Edge, PoseGraph, SmoothedGraph, residuals
+from loop_closure.graph.edges import Edge
+from loop_closure.graph.pose_graph import PoseGraph, SmoothedGraph, residuals
 from loop_closure.graph.uncertainty import SLACK, Uncertainty, apart
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import planar

@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.marginal import renumbered, without
-from loop_closure.graph.pose_graph import Edge, PoseGraph, SmoothedGraph
+from loop_closure.graph.pose_graph import PoseGraph, SmoothedGraph
 from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.graph.steps import StepDoubt
 from loop_closure.keyframes import Keyframes
