@@ -24,8 +24,8 @@ UNKNOWN, AGAINST = 0.33, 2.0
 TAIL = 2.0  # degrees of freedom of predictions' errors: how often they are many deviations off
 ACCEPT = -3.0  # nat, odds from which on a placement is believed
 SURE = 0.5  # share of the best odds any placement of a scan can have from which on none other is looked for
-NEAR_SEARCH = (1.2, math.radians(70.0), 2)  # metres, radians, levels
-WIDE_SEARCH = (2.8, math.pi, 4)
+NEAR_SEARCH = (1.2, math.radians(70.0))  # metres, radians
+WIDE_SEARCH = (2.8, math.pi)
 HELD = 1.0  # nat against a placement from which on wheels are asked to hold the scan
 # Metres of outline whose points go wrong together, as they are of one wall; 1 m does about the same.
 PIECE = 0.5
@@ -148,14 +148,14 @@ class MapMatcher:
         scan: PreparedScan,
         expected: Prediction,
         around: FloatArray,
-        window: tuple[float, float, int],
+        window: tuple[float, float],
     ) -> list[Match]:
-        reach, turn, levels = window
+        reach, turn = window
         local = self.map.points
         around_it = np.ascontiguousarray(local[np.hypot(*(local - around[:2]).T) < SIGHT] - around[:2])
         centre = np.array([0.0, 0.0, around[2]])
         found = []
-        for candidate in candidates(scan.surface.points, around_it, centre, reach, turn, levels=levels):
+        for candidate in candidates(scan.surface.points, around_it, centre, reach, turn):
             pose = candidate[1:] + np.array([around[0], around[1], 0.0])
             match = self._laid(scan, expected, pose, 0.2)
             if match.refined.open_directions in (1, 2):

@@ -78,7 +78,7 @@ def align_globally(
 
 def _by_correlation(moving: PreparedScan, still: PreparedScan) -> Iterator[Refined]:
     found = candidates(
-        moving.surface.points, still.surface.points, np.zeros(3), REACH, np.pi, 4, Wanted(KEEP, CANDIDATES)
+        moving.surface.points, still.surface.points, np.zeros(3), REACH, np.pi, Wanted(KEEP, CANDIDATES)
     )  # fmt: skip
     for candidate in found:
         yield refine(moving.surface, still.target, candidate[1:].copy(), 0.2)
