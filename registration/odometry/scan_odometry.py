@@ -24,11 +24,11 @@ from registration.laser.scan import Scan
 from registration.laser.surface import Surface, scan_surface
 from registration.laser.sweep import beam_shares
 from registration.odometry.habit import Habit
-from registration.odometry.map_matching import GROSS, MapMatcher, Match, Prediction
+from registration.odometry.map_matching import HELD, MapMatcher, Match, Prediction
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
-from registration.odometry.wheel_doubt import REFUTED, WheelDoubt, prediction_covariance
+from registration.odometry.wheel_doubt import WheelDoubt, prediction_covariance
 from registration.placement.influence import borrowed
 from registration.placement.refine import EFFICIENCY, Refined
 
@@ -123,7 +123,7 @@ class ScanTracker:
         match = self._matcher.find(prepared, expected, self._sure)
         if not match.believable:
             return self._stray(prepared, motion, expected, match)
-        return self._accept(prepared, motion, guess is not None, match)
+        return self._accept(prepared, motion, expected, match)
 
     def _expected(self, motion: FloatArray, wheels: bool) -> Prediction:
         """Where a motion leads, and how surely: the less, the longer the map has been lost.
@@ -208,26 +208,28 @@ class ScanTracker:
             self.map.clear()
         return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
 
-    def _accept(self, scan: PreparedScan, motion: FloatArray, wheels: bool, match: Match) -> Step:
-        before, refined = self.pose, match.refined
+    def _accept(self, scan: PreparedScan, motion: FloatArray, expected: Prediction, match: Match) -> Step:
+        before, refined, wheels = self.pose, match.refined, expected.prior
         found_before = not self._lost
         self._lost = 0
         if not found_before:
             self._spare.clear()
-        doubt = loose = in_frame(prediction_covariance(motion), -float(before[2]))
+        doubt = in_frame(prediction_covariance(motion), -float(before[2]))
         refined = self._owning(refined, scan.surface)
-        if wheels:
+        self.pose = refined.pose
+        if wheels is not None:
             doubt = self._wheel_covariance(motion)
-            start = compound(before, motion)
-            self.pose = fused(refined, start, doubt, loose, self._matcher.led(match, scan, start))
+            # Refuted, they are believed no more than any prediction.
+            loose = EFFICIENCY * np.linalg.inv(expected.covariance)
+            self.pose = fused(
+                refined, expected.pose, wheels[1] if expected.against(refined.pose) < HELD else loose
+            )
             if not refined.open_directions and match.sure:
                 self._wheels.learn(motion, between(before, refined.pose))
-        else:
-            self.pose = refined.pose
         increment = between(before, self.pose)
-        if not wheels and found_before and match.sure and not refined.open_directions:
+        if wheels is None and found_before and match.sure and not refined.open_directions:
             self._habit.learn(increment, self._last)
-        self._last = FADE * increment if refined.open_directions and not wheels else increment
+        self._last = FADE * increment if refined.open_directions and wheels is None else increment
         self._travelled += float(np.hypot(*increment[:2]))
         noise = scan_covariance(refined, doubt)
         covariance = in_frame(noise + self._noise, float(before[2]))
@@ -270,32 +272,11 @@ def in_frame(covariance: FloatArray, yaw: float) -> FloatArray:
     return np.asarray(turn @ covariance @ turn.T)
 
 
-def fused(
-    refined: Refined, start: FloatArray, wheels: FloatArray, loose: FloatArray, more: float
-) -> FloatArray:
-    """Pose (3,) from lines and from where wheels lead, `start` (3,), each as far as it is sure.
-
-    Where a corridor tells little of the way along it, scans alone slide by metres into what looks alike. Along a single
-    wall the noise of the map's lines seems to tell the way, in every scan the same; and a wall that comes into view may
-    be taken for another. Where wheels explain a scan better, lines count for as much as they do tell.
-
-    wheels : (3, 3) covariance of `start`. loose : the same where lines refute the wheels. more : nat by which lines
-    make `refined` likelier than `start`.
-    """
-    information = refined.information / EFFICIENCY
-    away = refined.pose - start
+def fused(refined: Refined, expected: FloatArray, information: FloatArray) -> FloatArray:
+    """Pose (3,) from lines and from where wheels lead, `expected` (3,), each as far as it is sure."""
+    away = refined.pose - expected
     away[2] = wrap_angle(away[2])
-    prior = np.linalg.inv(wheels)
-    # How far the two are apart, in what both are uncertain of together.
-    apart = float(away @ information @ np.linalg.inv(np.eye(3) + wheels @ information) @ away)
-    if more < min(0.5 * apart, GROSS):
-        along = information @ away
-        seems = max(float(away @ along), 1e-12)
-        told = min(max(2.0 * more, 0.0), seems)
-        information = information - (1.0 - told / seems) * np.outer(along, along) / seems
-    elif apart > REFUTED:
-        prior = np.linalg.inv(loose)
-    pose = start + np.linalg.solve(information + prior, information @ away)
+    pose = expected + np.linalg.solve(refined.information + information, refined.information @ away)
     pose[2] = wrap_angle(pose[2])
     return np.asarray(pose)
 
