@@ -14,7 +14,7 @@ from registration.laser.local_map import DOUBT, SPACING, LineMap
 from registration.laser.prepared import NOTHING_SEEN, PreparedScan, ScanView
 from registration.placement.align import keep_open
 from registration.placement.consistency import Agreement, weigh
-from registration.placement.correlative import candidates
+from registration.placement.correlative import ROUGH, candidates
 from registration.placement.refine import NO_PRIOR, Refined, lead, refine
 
 # Set on csail, an endless corridor and simulated floors, scans at a rate and a metre apart.
@@ -156,9 +156,9 @@ class MapMatcher:
         found = []
         for candidate in candidates(scan.surface.points, around_it, centre, reach, turn):
             pose = candidate[1:] + np.array([around[0], around[1], 0.0])
-            match = self._laid(scan, expected, pose, 0.2)
+            match = self._laid(scan, expected, pose, ROUGH)
             if match.refined.open_directions in (1, 2):
-                match = self._laid(scan, expected, keep_open(match.refined, expected.pose), 0.2)
+                match = self._laid(scan, expected, keep_open(match.refined, expected.pose), ROUGH)
             found.append(match)
         return found
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from estimation.checks import FloatArray
 from registration.laser.submap import CELL, FAR
 
+ROUGH = 0.2  # metres that points may be off where a candidate puts them
 DONE = 1 << 40  # above all scores
 WIDE = 2.5  # metres from which on a window is searched by larger blocks, each twice as wide as the one below
 SLOPE = np.array([16, 10, 3], dtype=np.uint8)  # score of a point by its distance from a target's, in cells
