@@ -13,7 +13,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from loop_closure.graph.edges import Edge
-from loop_closure.graph.uncertainty import DEVIATIONS, NEAR
+from loop_closure.graph.uncertainty import DEVIATIONS, window
 from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import compose, length, motion, planar, positions, turn
 from loop_closure.slam.closure_hypotheses import Guess
@@ -78,13 +78,13 @@ def looking(
         outside = search.anywhere and length(guess) > COMMON + DEVIATIONS * gate.sigma[j]
         sigma = max(float(gate.sigma[j]), length(guess) / DEVIATIONS if outside else 0.0)
         loose = sigma > search.certain
-        reach = DEVIATIONS * sigma + NEAR
-        window = np.pi if outside else min(DEVIATIONS * float(gate.turn[j]) + 0.12, np.pi)
+        reach, turned = window(sigma, float(gate.turn[j]))
+        turned = np.pi if outside else min(turned, np.pi)
         if loose:
             # As far as corridors repeat, even where less would do: odometry that slipped by a door is sure of itself.
             reach = 2.0 * COMMON
             guess = nearer(guess, reach)
-        placements = align_submaps(source, target, guess, reach, window)
+        placements = align_submaps(source, target, guess, reach, turned)
         fits += _believed(placements, Edge(j, k, expected, np.eye(3), True), sigma, loose, likely.get(j, 0.0))
     fits.sort(key=lambda fit: -fit.merit)
     return fits

@@ -44,9 +44,8 @@ class ScanTracker:
 
     def __init__(self, config: OdometryConfig | None = None) -> None:
         self.config = config or OdometryConfig()
-        self.map, self._matcher = self._empty()
-        # Of the scans since the map was lost; takes its place if it is not found again.
-        self._spare, self._spare_matcher = self._empty()
+        # The second in the map of the scans since the first was lost; takes its place if that is not found again.
+        self._matcher, self._spare = self._empty(), self._empty()
         self.offset, self.noise = RangeOffset(), RangeNoise(NOISE)
         self.pose = np.zeros(3)
         self._habit, self._wheels = Habit(), WheelDoubt()
@@ -59,9 +58,14 @@ class ScanTracker:
         self._lost = 0
         self._noise = np.zeros((3, 3))  # covariance of the last scan against the map, odometry frame
 
-    def _empty(self) -> tuple[LineMap, MapMatcher]:
+    def _empty(self) -> MapMatcher:
         made = LineMap(self.config.map_radius, self.config.map_memory)
-        return made, MapMatcher(made, self.config.doubt, self.config.tolerance)
+        return MapMatcher(made, self.config.doubt, self.config.tolerance)
+
+    @property
+    def map(self) -> LineMap:
+        """Of the surroundings."""
+        return self._matcher.map
 
     def step(
         self, scan: Scan, stamp: float, guess: FloatArray | None, sweep: FloatArray | None = None
@@ -163,8 +167,8 @@ class ScanTracker:
         match : the best there is in the map.
         """
         wheels = expected.prior is not None
-        if len(self._spare):
-            found = self._spare_matcher.find(scan, expected, self.pose)
+        if len(self._spare.map):
+            found = self._spare.find(scan, expected, self.pose)
             if found.believable:
                 return self._follow(scan, motion, found.refined, found.share)
         reason = f"{match.reason}: the pose is predicted"
@@ -172,8 +176,8 @@ class ScanTracker:
             motion = between(self.pose, match.refined.pose)
             reason = f"{match.reason}, but less than where it was predicted"
         step = self._predict(motion, wheels, reason, match.share)
-        self._spare.clear()
-        self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
+        self._spare.map.clear()
+        self._spare.map.add(scan.surface, scan.view, self.pose, self._travelled)
         self._change_map()
         return step
 
@@ -185,8 +189,8 @@ class ScanTracker:
         self._last = between(before, self.pose)
         yaw = float(before[2])
         noise = in_frame(scan_covariance(refined, in_frame(prediction_covariance(motion), -yaw)), yaw)
-        self._spare.add(scan.surface, scan.view, self.pose, self._travelled)
-        self._spare_matcher.saw(scan.view, self.pose)
+        self._spare.map.add(scan.surface, scan.view, self.pose, self._travelled)
+        self._spare.saw(scan.view, self.pose)
         self._change_map()
         reason = "the map is lost: the scan is laid on those before it"
         return Step(self._last, noise, True, reason, share, np.zeros((0, 2)), noise)
@@ -194,9 +198,8 @@ class ScanTracker:
     def _change_map(self) -> None:
         """Give the map up where it was not found for long."""
         if self._lost >= self.config.patience:
-            self.map, self._spare = self._spare, self.map
-            self._matcher, self._spare_matcher = self._spare_matcher, self._matcher
-            self._spare.clear()
+            self._matcher, self._spare = self._spare, self._matcher
+            self._spare.map.clear()
             self._lost, self._sure, self._noise = 0, self.pose, np.zeros((3, 3))
 
     def _predict(self, motion: FloatArray, wheels: bool, reason: str, fitness: float) -> Step:
@@ -204,7 +207,7 @@ class ScanTracker:
         self.pose = compound(self.pose, motion)
         self._last = motion if wheels else FADE * motion
         doubt = prediction_covariance(motion)
-        if self._lost >= self.config.patience and not len(self._spare):
+        if self._lost >= self.config.patience and not len(self._spare.map):
             self.map.clear()
         return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
 
@@ -213,7 +216,7 @@ class ScanTracker:
         found_before = not self._lost
         self._lost = 0
         if not found_before:
-            self._spare.clear()
+            self._spare.map.clear()
         doubt = in_frame(prediction_covariance(motion), -float(before[2]))
         refined = self._owning(refined, scan.surface)
         self.pose = refined.pose
