@@ -222,11 +222,7 @@ class ScanTracker:
         self.pose = refined.pose
         if wheels is not None:
             doubt = self._wheel_covariance(motion)
-            # Refuted, they are believed no more than any prediction.
-            loose = EFFICIENCY * np.linalg.inv(expected.covariance)
-            self.pose = fused(
-                refined, expected.pose, wheels[1] if expected.against(refined.pose) < HELD else loose
-            )
+            self.pose = fused(refined, wheels[0], self._believed(expected, refined.pose))
             if not refined.open_directions and match.sure:
                 self._wheels.learn(motion, between(before, refined.pose))
         increment = between(before, self.pose)
@@ -254,6 +250,12 @@ class ScanTracker:
             opened = f"{refined.open_directions} of 3 directions of motion are open"
             reason = f"{opened}: the prediction is kept there"
         return Step(increment, covariance, sure, reason, match.share, static, drift, noise)
+
+    def _believed(self, expected: Prediction, pose: FloatArray) -> FloatArray:
+        """Information (3, 3) of wheels, as lines have the scan at `pose` (3,): refuted, that of any prediction."""
+        if expected.prior is not None and expected.against(pose) < HELD:
+            return expected.prior[1]
+        return np.asarray(EFFICIENCY * np.linalg.inv(expected.covariance))
 
     def _owning(self, refined: Refined, surface: Surface) -> Refined:
         """With less information where it hangs on one small piece, which may be a person who walks."""
