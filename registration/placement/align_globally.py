@@ -113,11 +113,8 @@ def _outlines(
             continue
         if score > RIVAL * best:
             return _refused(outcome, "another pose fits as well")
-        if (
-            score > POSSIBLE * best
-            and abs(between(refined.pose, rival.pose)[2]) > TURNED
-            and _undisputed(views)
-        ):
+        turned = abs(between(refined.pose, rival.pose)[2]) > TURNED
+        if turned and score > POSSIBLE * best and _undisputed(views):
             return _refused(outcome, "another pose cannot be ruled out: no view contradicts it")
     return outcome
 
