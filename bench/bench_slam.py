@@ -14,8 +14,9 @@ import numpy as np
 
 from estimation.geometry.poses import between
 from estimation.geometry.tiles import TiledGrid
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.esdf import EsdfGraph
-from loop_closure.graph.pose_graph import Edge, SmoothedGraph
+from loop_closure.graph.pose_graph import SmoothedGraph
 from loop_closure.graph.uncertainty import Uncertainty
 from loop_closure.loop_closure_warm_up import warm_up
 from registration.laser.prepared import prepare_scan

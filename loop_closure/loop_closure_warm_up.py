@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.geometry.tiles import TiledGrid
-from loop_closure.graph.pose_graph import Edge, SmoothedGraph
+from loop_closure.graph.edges import Edge
+from loop_closure.graph.pose_graph import SmoothedGraph
 from loop_closure.graph.uncertainty import Uncertainty
 from loop_closure.keyframes import Keyframes
 from loop_closure.slam.closure_hypotheses import LEAST, ClosureHypotheses, Guess

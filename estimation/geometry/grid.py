@@ -26,6 +26,7 @@ OCCUPIED_SHARE, FREE_SHARE = 0.65, 0.196
 # Width, height and largest grey, with comments between them.
 PGM_HEAD = re.compile(rb"P5" + 3 * rb"(?:\s|#.*\n)+(\d+)" + rb"\s")
 SIGNATURE = "whereabouts"  # in a comment of the files written here
+RESOLUTION = 0.05  # metres, edge of a cell
 ROOM = 64  # cells of spare room when the grid grows
 FARTHEST_CELL = 1e15  # what is beyond is as far: a larger number may not fit into an integer
 MOST_CELLS = 1 << 26  # of a grid that grows; `estimation.geometry.tiles` is for what lies far apart
@@ -47,7 +48,7 @@ class OccupancyGrid:
 
     def __init__(
         self,
-        resolution: float = 0.05,
+        resolution: float = RESOLUTION,
         origin: npt.ArrayLike = (0.0, 0.0),
         log_odds: npt.ArrayLike | None = None,
     ) -> None:
@@ -72,7 +73,7 @@ class OccupancyGrid:
         cells = np.asarray(values)
         if cells.ndim != 2 or (cells.size and (cells.min() < -1 or cells.max() > 100)):
             raise InputError("values: array (H, W) of -1 to 100 expected")
-        share = np.clip(np.arange(101) / 100.0, 0.01, 0.99)
+        share = np.clip(np.arange(101), 1, 99) / 100
         # -1 is the last of the table.
         table = np.append(np.log(share / (1.0 - share)), 0.0).astype(np.float32)
         return cls(resolution, origin, table[cells.astype(np.int8, copy=False)])

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-AGREES, THROUGH, HIDDEN, UNSEEN = 0, 1, 2, 3
+AGREES, THROUGH, HIDDEN, UNSEEN = range(4)
 RANGE_SIGMA = 0.03  # metres, of a reading
 BEARING_SIGMA = 0.005  # radians, of a beam
 SIGMAS = 3.0  # standard deviations that tell two distances apart

@@ -16,7 +16,16 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray, as_vectors, require_positive
-from estimation.geometry.grid import FREE_BELOW, HIT, MISS, MOST, OCCUPIED_OVER, OccupancyGrid, placed_scan
+from estimation.geometry.grid import (
+    FREE_BELOW,
+    HIT,
+    MISS,
+    MOST,
+    OCCUPIED_OVER,
+    RESOLUTION,
+    OccupancyGrid,
+    placed_scan,
+)
 from estimation.geometry.grid_kernels import TILE, add_marks, mark_scan
 
 Indices = npt.NDArray[np.int64]
@@ -45,7 +54,7 @@ class TiledGrid:
     resolution : metres, edge of a cell.
     """
 
-    def __init__(self, resolution: float = 0.05) -> None:
+    def __init__(self, resolution: float = RESOLUTION) -> None:
         self.resolution = require_positive("resolution", resolution)
         # Zeros take no memory until they are written: room for twice as many tiles costs nothing.
         self._cells = np.zeros((16, TILE, TILE), dtype=np.float32)

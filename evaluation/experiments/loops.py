@@ -267,8 +267,7 @@ def _unseen(options: RunOptions, report: Report) -> None:
         for distance in (1.0, 2.0, 3.0):
             pairs = recording.pairs(rule_of(recording, distance), 6000, 3000, options.seed)
             curve = roc(model.score_pairs(recording.places, pairs), pairs.same)
-            rates = (100.0 * curve.detection_at(rate) for rate in (0.0, 0.001, 0.01))
-            figures = [Figure(rate, "%", "higher", "left out", curve.positives) for rate in rates]
+            figures = [Figure(rate, "%", "higher", "left out", curve.positives) for rate in curve.rates]
             rows.append([name, f"{distance:g} m", *figures, curve.positives])
     columns = ["model", "within", "D at 0 % FA, % ↑", "D at 0.1 % FA, % ↑", "D at 1 % FA, % ↑", "positives"]
     note = "csail, single scans with headings within 45°; seeds draw the 6000 negative pairs."

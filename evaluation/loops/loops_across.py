@@ -82,7 +82,7 @@ def _judged(
         rates = []
         for environment, curves in found.items():
             for name, curve in zip(order[environment], curves, strict=True):
-                rates.append([100.0 * curve.detection_at(rate) for rate in (0.0, 0.001, 0.01)])
+                rates.append(curve.rates)
                 rows.append([name, protocol, within, label, curve.positives, *rates[-1]])
         mean = [float(value) for value in np.mean(rates, axis=0)]
         rows.append(["mean", protocol, within, label, "", *mean])
@@ -106,8 +106,7 @@ def _training_sets(report: Report, sets: Pairs, seed: int) -> None:
 
     def row(label: str, F: np.ndarray, y: np.ndarray) -> None:
         curve = roc(AdaBoost(50).fit(F, y).score(judged), labels)
-        rates = [100.0 * curve.detection_at(rate) for rate in (0.001, 0.01)]
-        rows.append([label, int(y.sum()), int((y == 0).sum()), *rates])
+        rows.append([label, int(y.sum()), int((y == 0).sum()), *curve.rates[1:]])
 
     both = [sets["intel"], sets["killian"]]
     for most in (8, 25, 100, 400, 1500):

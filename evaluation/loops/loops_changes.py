@@ -11,11 +11,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from evaluation.drawing import saved
-from evaluation.loops.loops_data import MAX_RANGE
 from evaluation.loops.place_training import Recording
 from evaluation.report import Report, RunOptions
 from evaluation.scenes.scan_pairs import free_pose
 from loop_closure import PlaceFeatures, PlaceModel, features_2d, pair_features, shipped_model
+from loop_closure.places.place_model import TRAINED_RANGE
 from whereabouts.simulation import Lidar, crowd, joined, outlines, random_room
 
 EDGES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
@@ -73,14 +73,14 @@ def dynamic_objects(options: RunOptions, report: Report) -> None:
         for _ in range(count):
             room = random_room(rng)
             pose = free_pose(room, rng, 3.0)
-            first = features_2d(lidar.scan(room, pose, rng).scan, MAX_RANGE)
+            first = features_2d(lidar.scan(room, pose, rng).scan, TRAINED_RANGE)
             if movers == 0:
                 beside = pose + np.array([*rng.uniform(-0.5, 0.5, 2), 0.0])
-                near = features_2d(lidar.scan(room, beside, rng).scan, MAX_RANGE)
+                near = features_2d(lidar.scan(room, beside, rng).scan, TRAINED_RANGE)
                 usual_pairs.append(pair_features(first, near))
             people = crowd(rng, pose[:2], movers, (0.8, 4.0))
             shapes = joined([room, outlines(people, 0.0)]) if people else room
-            again = features_2d(lidar.scan(shapes, pose, rng).scan, MAX_RANGE)
+            again = features_2d(lidar.scan(shapes, pose, rng).scan, TRAINED_RANGE)
             differences.setdefault(movers, []).append(pair_features(first, again))
             likelihoods.setdefault(movers, []).append(
                 [float(model.likelihoods(again, model.database([first]))[0]) for model in models]

@@ -13,15 +13,15 @@ from estimation.errors import InputError
 from estimation.geometry.poses import between, compound
 from evaluation.loops.place_training import Recording
 from loop_closure.places.features import BIN_WIDTHS, PlaceFeatures, features_2d
-from loop_closure.places.outlines import LocalMap, outline_of_scan
+from loop_closure.places.outlines import LENGTH, LocalMap, outline_of_scan
 from loop_closure.places.pairs import path_lengths
+from loop_closure.places.place_model import TRAINED_RANGE
 from registration.laser.scan import Scan
 from whereabouts.logs import open_log
 from whereabouts.simulation import Drive, Lidar, random_floor
 from whereabouts.system.log_errors import NothingRecognisedError
 
 Array = np.ndarray
-MAX_RANGE = 50.0
 # Of one building, under different names.
 SAME_PLACE = {
     "killian": "mit",
@@ -41,7 +41,7 @@ class Reading:
 
     step: float = 0.3
     turn: float = 0.35
-    local_map: float = 10.0
+    local_map: float = LENGTH
     beams: int = 1
     limit: int = 0
 
@@ -98,7 +98,7 @@ def recording_of(
             if math.hypot(motion[0], motion[1]) < reading.step and abs(motion[2]) < reading.turn:
                 continue
         outline = outline_of_scan(scan) if around is None else around.outline()
-        places.append(features_2d(scan, MAX_RANGE, outline))
+        places.append(features_2d(scan, TRAINED_RANGE, outline))
         kept.append(pose)
         lengths.append(travelled)
         if len(places) == reading.limit:

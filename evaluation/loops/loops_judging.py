@@ -47,7 +47,7 @@ class Judgement:
 
     def line(self) -> str:
         """Figures below `HEADING`, and with k-fold mean and deviation over permutations behind them."""
-        rates = "".join(f"{100.0 * self.curve.detection_at(rate):8.1f}" for rate in (0.0, 0.001, 0.01))
+        rates = "".join(f"{rate:8.1f}" for rate in self.curve.rates)
         text = f"{self.name:28}{self.rule.distance:>6g} m{self.curve.positives:>9}{self.curve.negatives:>9}{rates}"
         text += f"{self.curve.average_precision:7.3f}"
         if self.validation is None:

@@ -22,6 +22,7 @@ from evaluation.loops.place_training import (
 from evaluation.loops.roc import Roc, roc
 from evaluation.loops.training_clouds import judge_by_node, judge_by_place, train_clouds
 from evaluation.parallel import each
+from loop_closure.places.outlines import LENGTH
 from loop_closure.places.pairs import PairRule, Pairs
 from loop_closure.places.place_model import PlaceModel
 
@@ -38,7 +39,7 @@ def train_on_logs(
     logs: Sequence[str],
     rule: PairRule,
     method: str = "best",
-    local_map: float = 10.0,
+    local_map: float = LENGTH,
     rounds: int = 50,
     simulation: int = 0,
     seed: int = 0,
@@ -161,7 +162,7 @@ def _curves(model: PlaceModel, recording: Recording, config: CascadeConfig, turn
 
 def rates(curve: Roc) -> list[float]:
     """D in %, one decimal, at 0, 0.1 and 1 % FA."""
-    return [round(100.0 * curve.detection_at(rate), 1) for rate in (0.0, 0.001, 0.01)]
+    return [round(rate, 1) for rate in curve.rates]
 
 
 def _read(logs: Sequence[str], length: float, simulation: int, say: Say) -> list[Recording]:

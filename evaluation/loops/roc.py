@@ -35,6 +35,11 @@ class Roc:
         return float(self.detection[np.searchsorted(self.false_alarm, false_alarm, side="right") - 1])
 
     @property
+    def rates(self) -> list[float]:
+        """D in % at each rate of FALSE_ALARMS."""
+        return [100.0 * self.detection_at(rate) for rate in FALSE_ALARMS]
+
+    @property
     def area(self) -> float:
         """Area under the curve: how likely a positive pair scores above a negative one (ties count half)."""
         middle = 0.5 * (self.detection[1:] + self.detection[:-1])
@@ -49,7 +54,8 @@ class Roc:
 
     def as_dict(self) -> dict[str, float]:
         """The figures that are quoted, in %: D at each rate of FALSE_ALARMS, area and average precision."""
-        rates = {f"detection_at_{100.0 * fa:g}_percent": 100.0 * self.detection_at(fa) for fa in FALSE_ALARMS}
+        named = zip(FALSE_ALARMS, self.rates, strict=True)
+        rates = {f"detection_at_{100 * fa:g}_percent": rate for fa, rate in named}
         return {**rates, "area": 100.0 * self.area, "average_precision": 100.0 * self.average_precision}
 
 

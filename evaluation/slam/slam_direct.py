@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimation.geometry.poses import between, wrap_angle
 from evaluation.registration.registration_others import extruded
-from evaluation.slam.slam_judging import Closed, Followed, true_poses
+from evaluation.slam.slam_judging import FALSE, Closed, Followed, true_poses
 from registration import Scan
 
 Array = NDArray[np.float64]
@@ -24,7 +24,6 @@ REACH = 0.5  # metres between points that can be the same
 SHARED = 0.5  # of the points of either scan, in the other
 DECIDED = 0.05  # information across the best known direction, by that along it
 FEWEST = 100  # points
-OFF, TURNED = 0.5, np.deg2rad(10.0)
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ def check(log: Followed, direct: Direct, closures: Sequence[Closed], false: Sequ
             continue
         checked.add(number)
         away, turned = _miss(found, relative)
-        if away > OFF or turned > TURNED:
+        if away > FALSE[0] or turned > FALSE[1]:
             off.add(number)
     denied = set(false) & checked
     return Checked(len(checked), len(off), len(denied & off), len(denied - off))

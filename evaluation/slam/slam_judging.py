@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from estimation.geometry.poses import between, compound, wrap_angle
 from estimation.metrics.statistics import absolute_trajectory_error, align_points, relations_error
 from loop_closure.graph.uncertainty import Uncertainty
-from loop_closure.keyframes import Keyframes
+from loop_closure.keyframes import AROUND, Keyframes
+from loop_closure.slam.closing import BACK
 from loop_closure.slam.trajectory import Slam
 from registration.laser.submap import Submap, fuse
 from registration.placement.align_submaps import LEAST_AGREEING, LEAST_OVERLAP, Placement, place
@@ -19,7 +20,7 @@ from whereabouts.logs import ScanRecord
 
 Array = NDArray[np.float64]
 Closed = tuple[int, int, Array]  # numbers of the earlier and the later scan, and the relative pose
-BEHIND, AROUND = 6.0, 4.0  # metres of path in the local maps of a revisit and of the place revisited
+FALSE = (0.5, np.deg2rad(10.0))  # metres and radians from which on a closure is false
 DOUBT = 0.5  # metres by which a relative pose may be off from which an overlap is looked for
 ALIKE = 0.7  # rad between the headings of scans registered directly
 CLOSE = (0.2, 2.0)  # metres between the poses of close relations
@@ -65,10 +66,10 @@ def misses(log: Followed, closures: Sequence[Closed]) -> Array:
     return np.asarray(between(expected, np.array(relatives)))
 
 
-def false_closures(missed: Array, tolerance: float) -> list[int]:
+def false_closures(missed: Array, tolerance: float = FALSE[0]) -> list[int]:
     """Which of `misses` (M, 3) are more than `tolerance` metres or 10 degrees."""
     wrong = np.hypot(missed[:, 0], missed[:, 1]) > tolerance
-    return np.flatnonzero(wrong | (np.abs(wrap_angle(missed[:, 2])) > np.deg2rad(10.0))).tolist()
+    return np.flatnonzero(wrong | (np.abs(wrap_angle(missed[:, 2])) > FALSE[1])).tolist()
 
 
 def largest_miss(missed: Array) -> float:
@@ -108,7 +109,7 @@ def recalls(slam: Slam, truth: Array) -> tuple[float, float]:
 
 def overlapping(slam: Slam, truth: Array, j: int, k: int) -> bool:
     """Whether the local maps around keyframes `j` and `k` have enough in common for a closure."""
-    source = slam.keyframes.local_map(k, BEHIND, AROUND)
+    source = slam.keyframes.local_map(k, BACK, AROUND)
     target = slam.keyframes.local_map(j, AROUND, AROUND)
     if min(len(source), len(target)) < 20:
         return False

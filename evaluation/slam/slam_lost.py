@@ -81,7 +81,7 @@ def _floor(seed: int) -> Followed:
         ScanRecord(lidar.scan(shapes, pose, rng, stamp).scan, stamp, pose=pose)
         for pose, stamp in zip(poses, stamps, strict=True)
     ]
-    covariances = np.broadcast_to(np.diag([1e-4, 1e-4, 1e-4]), (len(poses), 3, 3))
+    covariances = np.broadcast_to(1e-4 * np.eye(3), (len(poses), 3, 3))
     return Followed(records, poses, covariances, poses, 0.0)
 
 

@@ -20,6 +20,7 @@ from evaluation.loops import loops_training
 from evaluation.loops.place_training import CascadeConfig, Examples, fit_cascade
 from evaluation.report import RunOptions, Table
 from loop_closure.places import recognizer
+from loop_closure.places.outlines import LENGTH
 from loop_closure.places.pairs import PairRule
 from loop_closure.places.place_model import PlaceModel
 from whereabouts.system.atomic import atomic_path
@@ -37,7 +38,6 @@ BUILDINGS = TRAINED | {"intel.clf.bz2": "intel", "fr079.clf.bz2": "fr079", "mit-
 JUDGED = {log: "left out" if building == "csail" else "model left out" for log, building in BUILDINGS.items()}
 LONGEST = ("freiburg-079-corrected.log.gz", MEMBER_NAME)
 FLOORS = 3  # simulated ones, of no building
-LOCAL_MAP = 10.0  # metres of path
 PAIRS, FEW = 1200, 300  # positive pairs from each log, in a whole run and in a quick one
 
 
@@ -105,7 +105,7 @@ def _logs(options: RunOptions) -> tuple[Path, ...]:
 
 @cache
 def _examples(logs: tuple[Path, ...], config: CascadeConfig) -> list[Examples]:
-    return loops_training.prepare([str(path) for path in logs], config, LOCAL_MAP, FLOORS)[0]
+    return loops_training.prepare([str(path) for path in logs], config, LENGTH, FLOORS)[0]
 
 
 @cache

@@ -15,15 +15,15 @@ from estimation.geometry.poses import between, compound, wrap_angle
 from evaluation.slam.slam_as_node import Driven
 from evaluation.slam.slam_direct import Direct
 from evaluation.slam.slam_judging import Closed, Followed
-from loop_closure.graph.pose_graph import Edge, SmoothedGraph
+from loop_closure.graph.edges import Edge
+from loop_closure.graph.pose_graph import SmoothedGraph
 
 Array = NDArray[np.float64]
 KIND = "proximity search, small_gicp, gtsam"
 STEP, TURN = 0.5, 0.5  # metres and radians between keyframes
 NEAR, APART = 2.0, 20.0  # metres to an earlier keyframe, and of path since
 ALIKE = np.deg2rad(45.0)
-STEPS = np.diag([0.05**2, 0.05**2, 0.02**2])  # covariance of a step of odometry
-CLOSURES = np.diag([0.05**2, 0.05**2, 0.02**2])
+MEASURED = np.diag([0.05**2, 0.05**2, 0.02**2])  # covariance of a step of odometry, and of a closure
 
 
 def driven(log: Followed) -> Driven:
@@ -38,7 +38,7 @@ def driven(log: Followed) -> Driven:
         if np.hypot(step[0], step[1]) >= STEP or abs(step[2]) >= TURN:
             kept.append(number)
             paths.append(paths[-1] + float(np.hypot(step[0], step[1])))
-            graph.extend(step, STEPS)
+            graph.extend(step, MEASURED)
             closures += _close(graph, direct, kept, paths)
         at[number] = len(kept) - 1
     graph.settle()
@@ -59,5 +59,5 @@ def _close(graph: SmoothedGraph, direct: Direct, kept: list[int], paths: list[fl
     found = direct.relative(kept[j], kept[k], [between(poses[j], poses[k])])
     if found is None:
         return []
-    graph.close([Edge(j, k, found, CLOSURES, True)])
+    graph.close([Edge(j, k, found, MEASURED, True)])
     return [(kept[j], kept[k], found)]

@@ -32,7 +32,6 @@ Array = NDArray[np.float64]
 Records = list[ScanRecord]
 SHARE = 0.1  # of the scans that are dropped or doubled
 STAMPS = 0.005  # seconds
-TOLERANCE = 0.5  # metres; and 10 degrees
 
 
 def dropped(records: Records, rng: np.random.Generator) -> Records:
@@ -90,7 +89,7 @@ def shaken(options: RunOptions, report: Report) -> None:
             with slam_places.without(slam_places.BUILDINGS[name], options):
                 slam, estimate, _ = mapped(followed, SmoothedGraph())
             missed = misses(followed, closures_of(slam))
-            false, miss = len(false_closures(missed, TOLERANCE)), largest_miss(missed)
+            false, miss = len(false_closures(missed)), largest_miss(missed)
             revisits = revisits_among(slam.keyframes.paths, keyframe_truth(slam, followed))
             share = recall({closure.later for closure in slam.closures}, revisits)
             error = absolute_trajectory_error(estimate[:, :2], followed.truth[:, :2]).rmse

@@ -28,7 +28,7 @@ from estimation.geometry.poses import (
     pose_to_matrix,
 )
 from estimation.geometry.rotations import euler_rates_inverse, wrap_angle
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.motions import planar
 
 ANCHOR = 1e-4  # metres and radians, standard deviation of the first pose

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial.transform import Rotation
 
 from estimation.checks import FloatArray
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.motions import compose, invert, lever, planar, positions, rotation
 
 FLOOR = (0.005, 0.001)  # metres and radians: what no number of looks takes away

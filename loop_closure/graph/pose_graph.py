@@ -6,7 +6,6 @@ Nodes are keyframes in the order they were taken; every node but the first hangs
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.smoother import News, Smoother
 from loop_closure.graph.smoother_process import RemoteSmoother, SmootherProcess
 from loop_closure.growing_array import GrowingArray
@@ -24,21 +24,6 @@ SMOOTHING, TELLING = 0.01, 0.04  # ms per node of one round of smoothing; per ed
 ROUNDS = 3  # of smoothing after each closure
 # Nodes for each of which one scan more is taken in before a process of its own is asked for its answer.
 PER_SCAN = 500
-
-
-@dataclass(frozen=True, eq=False)
-class Edge:
-    """A measured motion between two nodes.
-
-    a, b : nodes, a < b. motion : pose of b in the frame of a, (3,) or (4, 4). covariance : (3, 3) or (6, 6) of it, in
-    the frame of a. closure : whether it closes a loop, and may be wrong.
-    """
-
-    a: int
-    b: int
-    motion: FloatArray
-    covariance: FloatArray
-    closure: bool = False
 
 
 class PoseGraph(Protocol):

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from estimation.checks import FloatArray
+from loop_closure.graph.edges import Edge
 from loop_closure.motions import planar, rotation
-
-if TYPE_CHECKING:
-    from loop_closure.graph.pose_graph import Edge
 
 ROBUST = 3.0  # deviations at which a closure counts half
 

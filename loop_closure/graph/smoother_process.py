@@ -12,13 +12,11 @@ import weakref
 from collections.abc import Callable
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from estimation.checks import FloatArray
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.smoother import News, Smoother
-
-if TYPE_CHECKING:
-    from loop_closure.graph.pose_graph import Edge
 
 ENDED = "the process that smooths has ended"
 FORGET = "forget"

@@ -12,17 +12,22 @@ import numpy.typing as npt
 from numba import njit
 
 from estimation.checks import FloatArray
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.growing_array import GrowingArray
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import planar, positions
 
 # Metres at which the turn error of an edge is weighed against its position error in choosing a path.
 ARM = 5.0
+BENT, PER_METRE = (
+    (0.03, 0.01),
+    (0.01, 0.001),
+)  # metres and radians of a path that was measured, and per metre of it
 SLACK = 0.1  # metres that guessed steps add to a distance from which on it is asked whether closures say more
 NONE = -1  # ends a chain
 DEVIATIONS = 2.5  # within which something is looked for, and may be off
 NEAR, TURNED = 0.3, 0.1  # metres and radians that are added: local maps and scans are not exact
+FOUND = (0.2, 0.05)  # metres and radians by which a pose that was found in a map may be off
 WHOLE = 30.0  # metres of path from which on more path adds nothing: odometry bends, and closures hold it
 
 
@@ -135,7 +140,8 @@ def apart(
     slack = keyframes.slack(i, j)
     if slack.max(initial=0.0) > SLACK:
         slack = np.minimum(slack, uncertainty.around(poses, i)[0][j])
-    return np.hypot(0.03 + 0.01 * away, slack), 0.01 + 0.001 * away
+    position, heading = (start + more * away for start, more in zip(BENT, PER_METRE, strict=True))
+    return np.hypot(position, slack), heading
 
 
 def _variances(edges: list[Edge]) -> list[tuple[float, float]]:

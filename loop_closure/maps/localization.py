@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from loop_closure.graph.uncertainty import FOUND
 from loop_closure.keyframes import AROUND, MOST, Keyframes
 from loop_closure.maps.map_search import Placed, PlanarMap, SpatialMap
 from loop_closure.motions import as_pose, compose, invert, length, motion, planar, positions, turns
@@ -36,6 +37,10 @@ LOST_AFTER = 8.0  # metres of standard deviation beyond which the place is given
 UNPROVEN = 10.0
 # Parts of the map a lost robot is laid on: half a processor's time, as one takes 10 to 50 ms.
 PER_SECOND = 10.0
+SAID, FOLLOWED = (
+    (1.0, 0.35),
+    (0.05, 0.02),
+)  # m and rad by which a pose may be off that was said, and that was followed
 DRIFT = (0.03, 0.01)  # metres and radians that odometry is taken to be off per metre
 
 
@@ -72,7 +77,7 @@ class Localizer:
         self._map = (PlanarMap if planar(self._poses) else SpatialMap)(places, self._poses)
         self._recent, self._own = Keyframes(), OwnBody()
         self.correction: FloatArray | None = None  # the odometry frame in the map
-        self._sigma, self._turn = 1.0, 0.35
+        self._sigma, self._turn = SAID
         self._unproven = 0.0  # metres travelled without confirmation by the map, over those with it
         self._credit = 0.0  # and how many of them it takes to give the pose up
         self._votes: list[_Vote] = []
@@ -85,7 +90,7 @@ class Localizer:
         if initial is not None:
             self.place(initial)
 
-    def place(self, pose: npt.ArrayLike, sigma: float = 1.0, turn: float = 0.35) -> None:
+    def place(self, pose: npt.ArrayLike, sigma: float = SAID[0], turn: float = SAID[1]) -> None:
         """The sensor is said to be at `pose` in the map, give or take `sigma` m and `turn` rad.
 
         pose : (3,), in a map of clouds on the ground that the map has there; or there (4, 4). What the map does not
@@ -162,7 +167,7 @@ class Localizer:
         if found is None:
             return False
         self.correction = compose(found, invert(here))
-        self._sigma, self._turn = 0.05, 0.02
+        self._sigma, self._turn = FOLLOWED
         return True
 
     def _look(self) -> bool:
@@ -192,7 +197,8 @@ class Localizer:
         if count < VOTES or span < SPAN or max(rivals, default=0.0) >= 0.7 * merit:
             return False
         before = self.correction, self._sigma, self._turn
-        self.correction, self._sigma, self._turn = self._votes[best].correction, 0.2, 0.05
+        self.correction = self._votes[best].correction
+        self._sigma, self._turn = FOUND
         if not self._follow(here):
             self.correction, self._sigma, self._turn = before
             return False

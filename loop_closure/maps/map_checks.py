@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 FARTHEST = 1e6
 """m: no map reaches farther."""
+LARGEST = 1e12
+"""Of any number that is no length."""
 LARGEST_STAMP = 1e11
 """s, thousands of years."""
 Arrays = dict[str, NDArray[Any]]
@@ -30,7 +32,7 @@ def check_map(data: Arrays) -> None:
         ("motions", edges, pose),
         ("covariances", edges, freedom),
     ):
-        values = _numbers(data, name, 1e12 if name in ("covariances", "paths") else FARTHEST)
+        values = _numbers(data, name, LARGEST if name in ("covariances", "paths") else FARTHEST)
         if (rows or name != "poses") and values.shape != (rows, *(inner if rows else values.shape[1:])):
             raise ValueError(f"{name}: {(rows, *inner)} numbers expected, got {values.shape}")
         if inner == (4, 4) and rows:
@@ -39,7 +41,7 @@ def check_map(data: Arrays) -> None:
     breaks = _numbers(data, "breaks", 1e9).reshape(-1, 2) if "breaks" in data else np.zeros((0, 2))
     if len(breaks) and (not _within(breaks[:, 0], count) or (breaks[:, 1] < 0.0).any()):
         raise ValueError("breaks: a keyframe does not exist")
-    closures = _numbers(data, "closures", 1e12).reshape(-1, 4)
+    closures = _numbers(data, "closures", LARGEST).reshape(-1, 4)
     if len(closures) and not _within(closures[:, :2], count):
         raise ValueError("closures: a keyframe does not exist")
     if "scans" in data:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimation.archive import header_of, read_archive
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.keyframes import Keyframes
 from loop_closure.maps.map_checks import check_map

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
-from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.grid import RESOLUTION, OccupancyGrid
 from estimation.geometry.tiles import VIEW_CELLS, TiledGrid, Tiles, TileView
 from loop_closure.keyframes import Keyframe
 from loop_closure.slam.trajectory import Slam
@@ -41,7 +41,7 @@ class MapGrid:
     tiles : the cells.
     """
 
-    def __init__(self, resolution: float = 0.05) -> None:
+    def __init__(self, resolution: float = RESOLUTION) -> None:
         self.tiles = TiledGrid(resolution)
         self._drawn: dict[int, Drawn] = {}
         self._seen = NOTHING

@@ -19,27 +19,24 @@ from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import compose, length, motion, planar, turn
 from loop_closure.places.context import PREDECESSORS, context_features
 from loop_closure.places.features import features_3d
-from loop_closure.places.place_model import shipped_model
+from loop_closure.places.place_model import TRAINED_RANGE, shipped_model
+from loop_closure.slam.closing import COMMON
 from loop_closure.slam.cloud_closing import LEAF, anywhere, as_cloud, local_cloud, nearby, thinned
 from registration.laser.scan import Scan
-from registration.laser.submap import Submap
+from registration.laser.submap import FAR, Submap
 from registration.placement.align_submaps import Placement, align_submaps, ambiguous
 
 Placed = list[tuple[FloatArray, float]]
 """Placements, (3,) or (4, 4) in the map, with metres of outline, or how much else, that speak for each."""
 
-SPACING = 3.0  # metres between places of the map that are tried
 EDGE = 0.9  # of the window around where the robot should be; farther out it is not believed to be
-NEAR = 4.0  # metres from a place at which its local map shows the robot's surroundings
 # Places that a scan is laid on per keyframe when lost, and while a pose is known: as many then as to follow it.
 MOST_TRIED, TRIED = 40, 3
 # Agreeing share of what both saw that is asked where nothing predicts the place: more than rooms reach that only look
 # alike, less than the right one does after furniture was moved. Set on simulated floors, with and without people and
 # changes, and on fr079; 0.94 and 0.96 do about the same.
 LEAST_FITNESS = 0.95
-RANGE = 25.0  # metres of a scan that are used
 ALIKE, IN_TURN = 2, 1  # places that a cloud is laid on per keyframe when lost: those that look alike, and any
-CLOUD_RANGE = 50.0  # metres of a cloud that the classifier looks at
 GROUND = 3.0  # metres around a pose that was said in which the map knows the ground
 
 
@@ -60,7 +57,7 @@ class PlanarMap:
     def remember(self, recent: Keyframes, scan: Scan | npt.ArrayLike, odometry: FloatArray) -> None:
         """Keep a scan among the robot's keyframes."""
         assert isinstance(scan, Scan)
-        recent.add_scan(scan, odometry, RANGE)
+        recent.add_scan(scan, odometry, FAR)
 
     def track(self, recent: Keyframes, expected: FloatArray, sigma: float, turn: float) -> FloatArray | None:
         """Pose (3,) of the robot's newest keyframe, `sigma` m and `turn` rad around where it is expected."""
@@ -69,9 +66,9 @@ class PlanarMap:
         best: tuple[Placement, int] | None = None
         tried: list[int] = []
         for j in np.argsort(away).tolist():
-            if away[j] > NEAR + 2.0 * sigma or len(tried) == TRIED:
+            if away[j] > AROUND + 2.0 * sigma or len(tried) == TRIED:
                 break
-            if any(np.hypot(*(self._poses[j, :2] - self._poses[o, :2])) < 0.5 * SPACING for o in tried):
+            if any(np.hypot(*(self._poses[j, :2] - self._poses[o, :2])) < 0.5 * COMMON for o in tried):
                 continue
             tried.append(j)
             target = self._places.local_map(j, AROUND, AROUND)
@@ -96,7 +93,7 @@ class PlanarMap:
             j = self._parts[self._next]
             self._next = (self._next + 1) % len(self._parts)
             target = self._places.local_map(j, AROUND, AROUND)
-            fits = align_submaps(source, target, np.zeros(3), NEAR, np.pi)
+            fits = align_submaps(source, target, np.zeros(3), AROUND, np.pi)
             yield [
                 (compose(self._poses[j], fit.pose), fit.merit)
                 for fit in fits
@@ -146,7 +143,7 @@ class SpatialMap:
         """Pose (4, 4) of the robot's newest keyframe, `sigma` m and `turn_` rad around where it is expected."""
         away = np.linalg.norm(self._poses[:, :3, 3] - expected[:3, 3], axis=1)
         j = int(np.argmin(away))
-        if away[j] > NEAR + 2.0 * sigma:
+        if away[j] > AROUND + 2.0 * sigma:
             return None
         source, target = self._seen(recent), local_cloud(self._places, j, AROUND, AROUND)
         guess = motion(self._poses[j], expected)
@@ -178,7 +175,7 @@ class SpatialMap:
         assert points is not None
         turns: list[int] = []
         for j in self._looks.alike(points):
-            if all(length(motion(self._poses[j], self._poses[o])) >= SPACING for o in turns):
+            if all(length(motion(self._poses[j], self._poses[o])) >= COMMON for o in turns):
                 turns.append(j)
             if len(turns) == ALIKE:
                 break
@@ -195,7 +192,7 @@ class _Looks:
         self._model = shipped_model("best_3d")
         clouds = [places[k].points for k in range(len(places))]
         self._database = self._model.database(
-            [features_3d(cloud, CLOUD_RANGE) for cloud in clouds if cloud is not None]
+            [features_3d(cloud, TRAINED_RANGE) for cloud in clouds if cloud is not None]
         )
         self._rows: deque[FloatArray] = deque(maxlen=PREDECESSORS + 1)
 
@@ -203,18 +200,18 @@ class _Looks:
         """All places of the map, the most alike to a cloud (N, 3) first; clouds are asked about in order of path."""
         if not len(points):
             return []
-        self._rows.appendleft(self._model.odds(features_3d(points, CLOUD_RANGE), self._database))
+        self._rows.appendleft(self._model.odds(features_3d(points, TRAINED_RANGE), self._database))
         assert self._model.context is not None
         likelihood = self._model.context.score(context_features(list(self._rows)))
         return [int(j) for j in np.argsort(-likelihood, kind="stable")]
 
 
 def spread(where: FloatArray) -> list[int]:
-    """Places (N, 2 | 3) of which none are nearer to each other than SPACING, and all others to one of them."""
+    """Places (N, 2 | 3) of which none are nearer to each other than COMMON, and all others to one of them."""
     chosen: list[int] = []
     for j in range(len(where)):
         away = where[chosen] - where[j] if chosen else np.full((1, where.shape[1]), np.inf)
-        if np.linalg.norm(away, axis=1).min() >= SPACING:
+        if np.linalg.norm(away, axis=1).min() >= COMMON:
             chosen.append(j)
     return chosen
 

@@ -24,6 +24,7 @@ from estimation.geometry.poses import between
 from loop_closure.places.outline_kernels import CELLS, RADIUS, mark_free, reach, thin
 from registration.laser.scan import Scan
 
+LENGTH = 10.0  # metres of path in an outline
 THIN = 0.2
 MOST_POINTS = 320
 SECTORS = 720
@@ -66,7 +67,7 @@ class LocalMap:
     InputError : a value not above 0.
     """
 
-    def __init__(self, length: float = 10.0, step: float = 0.4, turn: float = 0.35) -> None:
+    def __init__(self, length: float = LENGTH, step: float = 0.4, turn: float = 0.35) -> None:
         self.length = require_positive("length", length)
         self.step, self.turn = require_positive("step", step), require_positive("turn", turn)
         self._kept: deque[tuple[Scan, FloatArray, FloatArray, float]] = deque()

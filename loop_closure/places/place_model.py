@@ -42,6 +42,7 @@ FORMAT = "whereabouts.place_model"
 VERSION = 2
 # Pairs that did not pass the gate stay in the order of the first stage, below those that were looked at closely.
 REJECTED = 0.01
+TRAINED_RANGE = 50.0  # metres of a scan or cloud that the shipped models look at
 PLAIN_WIDTH = {2: 44, 3: 41}
 # What comes with the package; `docs/loop_closure_models.md` says on what they were trained and how good they are.
 NAMES = ("plain_2d", "best_2d", "plain_3d", "best_3d")

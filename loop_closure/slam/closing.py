@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.checks import FloatArray
-from loop_closure.graph.pose_graph import Edge
-from loop_closure.graph.uncertainty import DEVIATIONS, NEAR
+from loop_closure.graph.edges import Edge
+from loop_closure.graph.uncertainty import DEVIATIONS, window
 from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import compose, length, motion, planar, positions, turn
 from loop_closure.slam.closure_hypotheses import Guess
@@ -21,9 +21,9 @@ from loop_closure.slam.cloud_closing import lay
 from loop_closure.work import Steps
 from registration.placement.align_submaps import APART, Placement, align_submaps, ambiguous
 
-COMMON = 3.0  # metres between places whose local maps have something in common
+# Metres between places whose local maps have something in common, and of path between candidates.
+COMMON = 3.0
 BACK = 6.0  # metres of path in the newer local map
-SPREAD = 3.0  # metres of path between candidates
 # Candidates where the place is known well, where it is not, and of what looks alike.
 FEW, MANY, ALIKE = 3, 10, 5
 CERTAIN_IN_SPACE = 2.0  # metres: a cloud of a street has far more to tell than a scan
@@ -78,13 +78,13 @@ def looking(
         outside = search.anywhere and length(guess) > COMMON + DEVIATIONS * gate.sigma[j]
         sigma = max(float(gate.sigma[j]), length(guess) / DEVIATIONS if outside else 0.0)
         loose = sigma > search.certain
-        reach = DEVIATIONS * sigma + NEAR
-        window = np.pi if outside else min(DEVIATIONS * float(gate.turn[j]) + 0.12, np.pi)
+        reach, turned = window(sigma, float(gate.turn[j]))
+        turned = np.pi if outside else min(turned, np.pi)
         if loose:
             # As far as corridors repeat, even where less would do: odometry that slipped by a door is sure of itself.
-            reach = COMMON + SPREAD
+            reach = 2.0 * COMMON
             guess = nearer(guess, reach)
-        placements = align_submaps(source, target, guess, reach, window)
+        placements = align_submaps(source, target, guess, reach, turned)
         fits += _believed(placements, Edge(j, k, expected, np.eye(3), True), sigma, loose, likely.get(j, 0.0))
     fits.sort(key=lambda fit: -fit.merit)
     return fits
@@ -118,7 +118,7 @@ def candidates_of(
     """Earlier keyframes that may show the place of `k`, the most promising first."""
     paths = keyframes.paths[: len(poses)]
     if search.anywhere:
-        return _spread([], sorted(likely, key=lambda j: -likely[j]), paths, SPREAD, ALIKE)
+        return _spread([], sorted(likely, key=lambda j: -likely[j]), paths, COMMON, ALIKE)
     where = positions(poses)
     away = np.linalg.norm(where - where[k], axis=1)
     reach = COMMON + DEVIATIONS * gate.sigma
@@ -131,13 +131,13 @@ def candidates_of(
     chosen: list[int] = []
     if loose and likely:
         alike = [j for j in sorted(likely, key=lambda j: -likely[j]) if away[j] <= reach[j]]
-        _spread(chosen, alike, paths, SPREAD, ALIKE)
+        _spread(chosen, alike, paths, COMMON, ALIKE)
     # The better known ones first, nearest first.
     rank = away[pool] / reach[pool]
     order = pool[np.argsort(rank, kind="stable")].tolist()
     if loose:
-        return _spread(chosen, order, paths, SPREAD, len(chosen) + MANY)
-    return _spread(chosen, order, paths, 2.0 * SPREAD, FEW)
+        return _spread(chosen, order, paths, COMMON, len(chosen) + MANY)
+    return _spread(chosen, order, paths, 2.0 * COMMON, FEW)
 
 
 def lost(k: int, keyframes: Keyframes, poses: FloatArray, gate: Gate, search: Search) -> bool:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from numba import njit
 
 from estimation.checks import FloatArray
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.uncertainty import DEVIATIONS
 from loop_closure.motions import compose, invert, length, motion, positions, turn, turns
 from registration.placement.align_submaps import APART

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import invert, length, motion, orthonormal, turn
 from registration.clouds.cloud_registration import align_clouds, overlap, polish, thin
@@ -26,7 +26,7 @@ CLOSE_STANDING = 0.3
 # Metres: edge of a column, and height from lowest to highest point from which it stands.
 COLUMN, TALL = 0.5, 0.5
 LEAST_POINTS = 200
-SURE, SURE_STANDING = 0.6, 0.6  # both, of a placement in a finished map that is believed
+SURE = 0.6  # both, of a placement in a finished map that is believed
 FEATURE = 0.8  # metres, voxel edge of the features that clouds are matched by without a guess
 LEAST_FEATURES = 10  # that have to correspond
 FLOOR = np.array([0.02, 0.02, 0.03, 0.002, 0.002, 0.002])  # m and rad: what bent local clouds leave
@@ -132,7 +132,7 @@ def nearby(source: FloatArray, target: FloatArray, guess: FloatArray) -> tuple[F
     if found is None:
         return None
     everything, upright = common(source, target, found), common_standing(source, target, found)
-    return (found, upright) if everything >= SURE and upright >= SURE_STANDING else None
+    return (found, upright) if everything >= SURE and upright >= SURE else None
 
 
 def anywhere(source: FloatArray, target: FloatArray) -> tuple[FloatArray, float] | None:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimation.checks import FloatArray
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.motions import positions
 
 REVISIT = 10.0  # metres of path, at both ends, within which closures belong to one revisit

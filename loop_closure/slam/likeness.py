@@ -13,11 +13,10 @@ import numpy.typing as npt
 from loop_closure.keyframes import Keyframes
 from loop_closure.places.features import PlaceFeatures, features_2d
 from loop_closure.places.outlines import LocalMap
+from loop_closure.places.place_model import TRAINED_RANGE
 from loop_closure.places.recognizer import PlaceRecognizer
 from loop_closure.work import Steps, at_once
 
-MAX_RANGE = 50.0  # metres, as the shipped model was trained
-LENGTH = 10.0  # metres of path in an outline
 BEST = 60  # keyframes that are handed on
 LEAST = 0.3  # likelihood
 AT_ONCE = 100  # earlier keyframes that are taken in with one question, so that no answer waits long
@@ -29,7 +28,7 @@ class PlaceLikeness:
 
     def __init__(self) -> None:
         self._recognizer: PlaceRecognizer | None = None
-        self._around = LocalMap(LENGTH)
+        self._around = LocalMap()
         self._next = 0
         self._found: dict[int, dict[int, float]] = {}
 
@@ -79,4 +78,4 @@ class PlaceLikeness:
         if k in keyframes.breaks:
             self._around.clear()
         self._around.add(frame.scan, frame.odometry)
-        return features_2d(frame.scan, MAX_RANGE, self._around.outline())
+        return features_2d(frame.scan, TRAINED_RANGE, self._around.outline())

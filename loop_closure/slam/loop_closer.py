@@ -14,11 +14,12 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from loop_closure.graph.pose_graph import Edge, PoseGraph, SmoothedGraph, residuals
-from loop_closure.graph.uncertainty import SLACK, Uncertainty, apart
+from loop_closure.graph.edges import Edge
+from loop_closure.graph.pose_graph import PoseGraph, SmoothedGraph, residuals
+from loop_closure.graph.uncertainty import SLACK, WHOLE, Uncertainty, apart
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import planar
-from loop_closure.slam.closing import SPREAD, Gate, Search, agree, looking, lost, off
+from loop_closure.slam.closing import COMMON, Gate, Search, agree, looking, lost, off
 from loop_closure.slam.closure_hypotheses import ClosureHypotheses, Guess
 from loop_closure.slam.editing import Refused, same_revisit
 from loop_closure.slam.likeness import PlaceLikeness
@@ -196,7 +197,7 @@ class LoopCloser:
         self._again |= waited - recent
         accepted = yield from self._accept(won, f"{len(won)} closures along the path agree")
         accepted += yield from self._second_look(
-            [k for k in sorted(self._again) if paths[k] >= paths[min(recent)] - 30.0]
+            [k for k in sorted(self._again) if paths[k] >= paths[min(recent)] - WHOLE]
         )
         # The group lies on one earlier pass; others through the same place are found now as well.
         self._again |= recent
@@ -219,7 +220,7 @@ class LoopCloser:
                 for fit in found
                 if fit.certain
                 and fit.alone
-                and all(abs(paths[fit.edge.a] - paths[other]) >= SPREAD for other in earlier[k])
+                and all(abs(paths[fit.edge.a] - paths[other]) >= COMMON for other in earlier[k])
             ]
             if fits and agree(fits, self.graph.poses):
                 accepted += yield from self._accept(fits, "at the expected place, found on a second look")

@@ -18,7 +18,7 @@ from loop_closure.keyframes import AROUND, Keyframes
 from loop_closure.motions import invert, length, motion, planar, positions, turn
 from loop_closure.slam.closing import Gate
 from loop_closure.slam.closure_hypotheses import MEMORY
-from loop_closure.slam.cloud_closing import CLOSE, local_cloud
+from loop_closure.slam.cloud_closing import CLOSE, LEAST_POINTS, local_cloud
 from registration.clouds.cloud_registration import overlap
 from registration.laser.submap import Submap, fuse
 from registration.placement.align_submaps import place
@@ -135,7 +135,7 @@ def _cloud_sight(j: int, k: int, keyframes: Keyframes, relative: FloatArray) -> 
     points = keyframes[k].points
     assert points is not None
     surroundings = local_cloud(keyframes, j, AROUND, AROUND)
-    if min(len(points), len(surroundings)) < 200:
+    if min(len(points), len(surroundings)) < LEAST_POINTS:
         return KeyframeSight(False, False)
     share = overlap(points, surroundings, relative, CLOSE)
     return KeyframeSight(share >= HALF_CLOUD, share < SAME_CLOUD)

@@ -15,10 +15,12 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.marginal import renumbered, without
-from loop_closure.graph.pose_graph import Edge, PoseGraph, SmoothedGraph
+from loop_closure.graph.pose_graph import PoseGraph, SmoothedGraph
 from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.graph.steps import StepDoubt
+from loop_closure.graph.uncertainty import FOUND
 from loop_closure.keyframes import Keyframes
 from loop_closure.motions import as_pose, compose, doubt_of, identity, invert, motion, orthonormal, planar
 from loop_closure.slam.closing import off
@@ -265,7 +267,7 @@ class Slam:
             if self._new_run:
                 # What odometry does not say the map does: the pose that was found in it, loosely.
                 step = motion(self.graph.poses[-1], here)
-                doubt = doubt_of(here, 0.2, 0.05)
+                doubt = doubt_of(here, *FOUND)
             else:
                 doubt = self._doubt.of(step, before, covariance, self.keyframes)
             self._new_run = False

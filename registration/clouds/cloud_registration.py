@@ -15,6 +15,7 @@ from registration.result import Registration
 
 LEAST_POINTS = 100
 OPEN_VARIANCE = 1.0  # m² and rad²
+OPENED = 0.25  # of it, in one direction, from which on that is open
 LEAST_FITNESS = 0.4
 EVEN = 5.0  # edge of the voxels that NDT has one point of each, in units of the finest
 # Ways from a guess to the end: voxel edges in units of the finest, and metres within which points correspond.
@@ -174,4 +175,4 @@ def _covariance(outcome: Any, transform: FloatArray) -> tuple[FloatArray, bool]:
     variances = 1.0 / np.maximum(values, 1.0 / OPEN_VARIANCE)
     turn = np.kron(np.eye(2), transform[:3, :3])
     covariance = turn @ ((vectors * variances) @ vectors.T) @ turn.T
-    return covariance, bool(variances.max() > 0.25 * OPEN_VARIANCE)
+    return covariance, bool(variances.max() > OPENED * OPEN_VARIANCE)

@@ -8,6 +8,7 @@ through are taken out: they were somebody passing by.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -29,12 +30,25 @@ CAPACITY = 8192
 BUCKETS = 16384
 
 
+class Elements(NamedTuple):
+    """Elements as arrays of one length, of which the first so many are in use.
+
+    points, normals : (C, 2). tilt : (C,) as in `Surface`. facing : (C,) mean cosine between the normal and the beams
+    that saw it. hits : (C,) scans that saw it. seen : (C,) metres travelled when one last did.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    tilt: FloatArray
+    facing: FloatArray
+    hits: FloatArray
+    seen: FloatArray
+
+
 @njit(cache=True)
-def _insert(  # type: ignore[no-untyped-def]
-    points, normals, tilt, pose, now,
-    element, element_normal, element_tilt, facing, hits, seen, heads, following, count,
-):  # fmt: skip
+def _insert(points, normals, tilt, pose, now, elements, heads, following, count):  # type: ignore[no-untyped-def]
     """Fuse a scan's points at `pose` into the elements; returns the new number of elements."""
+    element, element_normal, element_tilt, facing, hits, seen = elements
     c, s = math.cos(pose[2]), math.sin(pose[2])
     mask = len(heads) - 1
     # Information that this scan has given to the direction of each element: lines of points beside each other are made
@@ -97,14 +111,15 @@ def _seen_through(points, normals, pose, clear, ranges, angle_min, step, through
 
 
 @njit(cache=True)
-def _keep(element, normal, tilt, facing, hits, seen, count, x, y, radius, oldest):  # type: ignore[no-untyped-def]
+def _keep(elements, count, x, y, radius, oldest):  # type: ignore[no-untyped-def]
     """Move what stays to the front; returns how many stay."""
+    point, normal, tilt, facing, hits, seen = elements
     kept = 0
     for k in range(count):
-        dx, dy = element[k, 0] - x, element[k, 1] - y
+        dx, dy = point[k, 0] - x, point[k, 1] - y
         if hits[k] <= 0.0 or dx * dx + dy * dy > radius * radius or seen[k] < oldest:
             continue
-        element[kept, 0], element[kept, 1] = element[k, 0], element[k, 1]
+        point[kept, 0], point[kept, 1] = point[k, 0], point[k, 1]
         normal[kept, 0], normal[kept, 1] = normal[k, 0], normal[k, 1]
         tilt[kept], facing[kept], hits[kept], seen[kept] = tilt[k], facing[k], hits[k], seen[k]
         kept += 1
@@ -120,9 +135,8 @@ class LineMap:
 
     def __init__(self, radius: float, memory: float) -> None:
         self.radius, self.memory = radius, memory
-        self._points, self._normals = np.zeros((CAPACITY, 2)), np.zeros((CAPACITY, 2))
-        self._tilt, self._hits, self._seen = np.full(CAPACITY, np.inf), np.zeros(CAPACITY), np.zeros(CAPACITY)
-        self._facing = np.zeros(CAPACITY)
+        flat = (np.zeros(CAPACITY) for _ in range(4))
+        self._all = Elements(np.zeros((CAPACITY, 2)), np.zeros((CAPACITY, 2)), *flat)
         self._heads = np.full(BUCKETS, EMPTY, dtype=np.int32)
         self._following = np.full(CAPACITY, EMPTY, dtype=np.int32)
         self._count = 0
@@ -133,17 +147,17 @@ class LineMap:
     @property
     def points(self) -> FloatArray:
         """(M, 2) metres."""
-        return self._points[: self._count]
+        return self._all.points[: self._count]
 
     @property
     def target(self) -> TargetLines:
         """The elements as the target of a registration; a view, valid until the next change."""
-        return TargetLines(self._points, self._normals, self._tilt, self._heads, self._following)
+        return TargetLines(*self._all[:3], self._heads, self._following)
 
     @property
     def facing(self) -> FloatArray:
         """Mean cosine between each element's normal and the beams that saw it, (M,); a view."""
-        return self._facing
+        return self._all.facing
 
     def seen_through(self, view: ScanView, pose: FloatArray, clear: float = 0.0) -> NDArray[np.bool_]:
         """Which elements stand in space that a scan taken at `pose` (3,) saw through, (M,).
@@ -153,7 +167,7 @@ class LineMap:
         """
         through = np.empty(self._count, dtype=np.bool_)
         _seen_through(
-            self.points, self._normals, pose, clear, view.ranges, view.angle_min, view.step, through
+            self.points, self._all.normals, pose, clear, view.ranges, view.angle_min, view.step, through
         )  # fmt: skip
         return through
 
@@ -165,28 +179,23 @@ class LineMap:
     def add(self, surface: Surface, view: ScanView, pose: FloatArray, travelled: float) -> None:
         """Fuse a scan taken at `pose` (3,) after `travelled` metres."""
         if len(view.ranges) > 2 and self._count:
-            self._hits[: self._count][self.seen_through(view, pose)] -= 2.0
-        self._prune(pose, travelled)
+            self._all.hits[: self._count][self.seen_through(view, pose)] -= 2.0
+        self._prune(pose, travelled, len(surface))
         self._count = int(
             _insert(
-                surface.feet, surface.normals, surface.tilt, pose, travelled, self._points, self._normals,
-                self._tilt, self._facing, self._hits, self._seen, self._heads, self._following, self._count,
+                surface.feet, surface.normals, surface.tilt, pose, travelled, self._all, self._heads,
+                self._following, self._count,
             )
         )  # fmt: skip
 
-    def _prune(self, pose: FloatArray, travelled: float) -> None:
-        # When there is no room left, what has not been seen for longest goes first.
+    def _prune(self, pose: FloatArray, travelled: float, new: int) -> None:
+        """Drop what is far or old; where there is no room for `new` elements, what is nearer or younger as well."""
         memory = self.memory
         radius = self.radius
         while True:
-            self._count = int(
-                _keep(
-                    self._points, self._normals, self._tilt, self._facing, self._hits, self._seen,
-                    self._count, pose[0], pose[1], radius, travelled - memory,
-                )
-            )  # fmt: skip
-            if self._count < 0.8 * CAPACITY:
+            self._count = int(_keep(self._all, self._count, pose[0], pose[1], radius, travelled - memory))
+            if not self._count or self._count + new <= CAPACITY:
                 break
-            memory, radius = 0.7 * memory, 0.9 * radius
+            memory, radius = 0.5 * memory, 0.5 * radius
         # Elements move by fusing, and out of their cell: chained anew each time.
-        fill(self._points[: self._count], self._normals, 0.0, self._heads, self._following)
+        fill(self.points, self._all.normals, 0.0, self._heads, self._following)

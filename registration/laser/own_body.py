@@ -77,7 +77,7 @@ def _own(ranges, first, step, ahead, turned, steady, travel):  # type: ignore[no
     for k in range(count):
         if same[k]:
             travel[k] = min(travel[k] + turned / TURN + (ahead / SHORT if short[k] else 0.0), 3.0)
-            steady[k] = 0.9 * steady[k] + 0.1 * nearest[k]
+            steady[k] += 0.1 * (nearest[k] - steady[k])
             known[k] = travel[k] > 1.0
         elif looked[k]:
             if nearest[k] < np.inf and travel[k] > 0.0:

@@ -20,10 +20,11 @@ from registration.laser.prepared import NOISE, PreparedScan
 from registration.laser.surface import Surface
 from registration.laser.target_lines import TargetLines, target_of
 
-CELL = 0.1  # metres, of the raster of seen space
+CELL = 0.1  # metres, of rasters
 # Metres from the sensor; farther points are too sparse and turned too far by errors of the heading.
 FAR = 25.0
 MARGIN = 0.2  # metres in front of what a beam hit
+STRIDE = 0.7  # cells from one that is marked to the next
 RADIUS = 60.0  # metres around the last scan's sensor that are kept
 
 
@@ -97,9 +98,9 @@ def _see(seen, origin, pose, ranges, angle_min, step):  # type: ignore[no-untype
                 reach = min(reach, ranges[j] + 0.5)
         reach = min(reach - MARGIN, FAR)
         angle = pose[2] + angle_min + k * step
-        dx, dy = 0.7 * math.cos(angle), 0.7 * math.sin(angle)
+        dx, dy = STRIDE * math.cos(angle), STRIDE * math.sin(angle)
         x, y = (pose[0] - origin[0]) / CELL, (pose[1] - origin[1]) / CELL
-        for _ in range(math.floor(reach / (0.7 * CELL)) + 1):
+        for _ in range(math.floor(reach / (STRIDE * CELL)) + 1):
             if 0.0 <= x < width and 0.0 <= y < height:
                 # Signed numbers would be looked at for being counted from the end.
                 seen[np.uint64(y), np.uint64(x)] = True

@@ -17,11 +17,13 @@ from scipy.spatial import cKDTree
 from estimation.checks import FloatArray
 from registration.laser.scan import Scan
 
-REACH = 0.3  # metres a neighbourhood extends to either side, more where beams are farther apart
+# Metres a neighbourhood extends to either side, more where beams are farther apart; and the most one point stands for.
+REACH = 0.3
 MOST_NEIGHBOURS = 40  # beams to either side
+WAVERING = 0.1  # rad², variance of a normal's direction from which on there is no line
+OUTLYING = 16.0  # squared deviations off a line from which on a point is no part of it
 GRAZING = 0.12  # sine of the smallest angle between a beam and a surface
 JOINED = 6.0  # deviations of a range between neighbours on one surface
-LONGEST = 0.3  # metres of outline one point stands for at most
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Surface:
     most of the range noise off them. normals : (N, 2) unit, zero for a point without a line.
     tilt : (N,) variance of each normal's direction, rad², inf without a line.
     spacing : (N,) metres to the farther neighbour. length : (N,) metres of outline a point stands for, at most
-    `LONGEST`. pieces : (N,) number of the connected piece a point is on.
+    `REACH`. pieces : (N,) number of the connected piece a point is on.
     noise : metres, how far points lie off their own lines. leverage : mean variance of a foot, in units of a
     point's.
     signed : whether normals are known to point towards the sensor.
@@ -80,7 +82,7 @@ def _fit(sums, first, last):  # type: ignore[no-untyped-def]
     xx = sums[last + 1, 2] - sums[first, 2] - n * mx * mx
     xy = sums[last + 1, 3] - sums[first, 3] - n * mx * my
     yy = sums[last + 1, 4] - sums[first, 4] - n * my * my
-    half = math.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy)
+    half = math.sqrt((0.5 * (xx - yy)) * (0.5 * (xx - yy)) + xy * xy)
     along, off = 0.5 * (xx + yy) + half, max(0.5 * (xx + yy) - half, 0.0)
     # Eigenvector of the smaller eigenvalue, from the better conditioned row.
     nx, ny = (xy, off - xx) if xx > yy else (off - yy, xy)
@@ -162,13 +164,13 @@ def _lines(x, y, beams, step, noise):  # type: ignore[no-untyped-def]
                         mx, my, nx, ny, along, square = sx, sy, px, py, length, rest
                         count = b - a + 1
         variance = max(square, noise * noise) / max(along, 1e-9)
-        if variance > 0.1:
+        if variance > WAVERING:
             continue
         if nx * x[i] + ny * y[i] > 0.0:
             nx, ny = -nx, -ny
         off = nx * (x[i] - mx) + ny * (y[i] - my)
-        # A point far off its own line is no part of it; its foot would move it by more than noise.
-        if off * off > 16.0 * max(noise * noise, square):
+        # Its foot would move it by more than noise.
+        if off * off > OUTLYING * max(noise * noise, square):
             continue
         feet[i, 0], feet[i, 1] = x[i] - off * nx, y[i] - off * ny
         normals[i, 0], normals[i, 1] = nx, ny
@@ -225,9 +227,9 @@ def _lengths(points, normals, spacing, step):  # type: ignore[no-untyped-def]
         far = math.hypot(x, y)
         facing = abs(normals[k, 0] * x + normals[k, 1] * y) / max(far, 1e-9)
         if facing == 0.0:  # no line
-            length[k] = min(spacing[k], far * step / GRAZING, LONGEST)
+            length[k] = min(spacing[k], far * step / GRAZING, REACH)
         else:
-            length[k] = min(far * step / max(facing, GRAZING), LONGEST)
+            length[k] = min(far * step / max(facing, GRAZING), REACH)
     return length
 
 
@@ -252,7 +254,7 @@ def points_surface(points: FloatArray, noise: float) -> Surface:
     along = np.maximum(values[:, 1], 1e-9)
     variance = np.maximum(square, noise**2) / along
     off = np.einsum("ni,ni->n", vectors[:, :, 0], points - centre)
-    good = (count >= 3) & (variance <= 0.1) & (off**2 <= 16.0 * np.maximum(noise**2, square))
+    good = (count >= 3) & (variance <= WAVERING) & (off**2 <= OUTLYING * np.maximum(noise**2, square))
     # Duplicates lie at no distance: the spacing is that to the first neighbour elsewhere.
     spacing = np.minimum(np.where(distance > 1e-6, distance, np.inf).min(axis=1), 1.0)
     normals[good], tilt[good] = vectors[good, :, 0], variance[good]
@@ -261,5 +263,5 @@ def points_surface(points: FloatArray, noise: float) -> Surface:
         beside = np.einsum("ni,ni->n", vectors[:, :, 1], points - centre)[good]
         leverage = float(np.mean(1.0 / count[good] + beside**2 / along[good]))
         noise = float(np.sqrt(np.median(square[good])))
-    length = np.minimum(spacing, LONGEST)
+    length = np.minimum(spacing, REACH)
     return Surface(points, feet, normals, tilt, spacing, length, pieces, noise, leverage, False)

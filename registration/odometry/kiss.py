@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from registration.clouds.cloud_registration import OPEN_VARIANCE
+from registration.clouds.cloud_registration import OPEN_VARIANCE, OPENED
 from registration.odometry.odometry_step import Step
 
 MINIMUM_POINTS = 10
@@ -102,7 +102,7 @@ class KissTracker:
         covariance = (vectors * variances) @ vectors.T
         turn = np.kron(np.eye(2), increment[:3, :3])
         covariance = turn @ covariance @ turn.T
-        if variances.max() > 0.25 * OPEN_VARIANCE:
+        if variances.max() > OPENED * OPEN_VARIANCE:
             return covariance, "the points leave a direction of motion open"
         return covariance, ""
 

@@ -14,21 +14,20 @@ from registration.laser.local_map import DOUBT, SPACING, LineMap
 from registration.laser.prepared import NOTHING_SEEN, PreparedScan, ScanView
 from registration.placement.align import keep_open
 from registration.placement.consistency import Agreement, weigh
-from registration.placement.correlative import candidates
+from registration.placement.correlative import ROUGH, candidates
 from registration.placement.refine import NO_PRIOR, Refined, lead, refine
 
 # Set on csail, an endless corridor and simulated floors, scans at a rate and a metre apart.
-WORTH = 0.7  # metres of agreeing outline that tell one nat
+# Metres of agreeing outline that tell one nat, as they are right or wrong together; 0.5 and 1 m do about the same.
+WORTH = 0.7
 # Metres of agreeing outline that one metre outweighs of which the map knows nothing, and one that is contradicted.
 UNKNOWN, AGAINST = 0.33, 2.0
 TAIL = 2.0  # degrees of freedom of predictions' errors: how often they are many deviations off
 ACCEPT = -3.0  # nat, odds from which on a placement is believed
 SURE = 0.5  # share of the best odds any placement of a scan can have from which on none other is looked for
-NEAR_SEARCH = (1.2, math.radians(70.0), 2)  # metres, radians, levels
-WIDE_SEARCH = (2.8, math.pi, 4)
-HELD = 1.0  # nat against a placement from which on wheels are asked to hold the scan
-# Metres of outline whose points go wrong together, as they are of one wall; 1 m does about the same.
-PIECE = 0.5
+NEAR_SEARCH = (1.2, math.radians(70.0))  # metres, radians
+WIDE_SEARCH = (2.8, math.pi)
+HELD = 1.0  # nat against a placement from which on wheels either hold the scan or are wrong
 GROSS = 14.0  # nat, one in a million: how rarely wheels err as no covariance tells; 20 does the same
 SIGHT = 15.0  # metres around the prediction a search looks at
 CLEAR = SIGMAS * DOUBT  # metres a sensor stands off the plane of a line that it can see through
@@ -130,7 +129,7 @@ class MapMatcher:
     def led(self, match: Match, scan: PreparedScan, other: FloatArray) -> float:
         """By how many nat lines make a match likelier than another pose (3,)."""
         more = lead(scan.surface, self.map.target, match.refined, other, self._tolerance)
-        return more * match.agreement.agreeing / PIECE
+        return more * match.agreement.agreeing / WORTH
 
     def _laid(
         self,
@@ -148,18 +147,18 @@ class MapMatcher:
         scan: PreparedScan,
         expected: Prediction,
         around: FloatArray,
-        window: tuple[float, float, int],
+        window: tuple[float, float],
     ) -> list[Match]:
-        reach, turn, levels = window
+        reach, turn = window
         local = self.map.points
         around_it = np.ascontiguousarray(local[np.hypot(*(local - around[:2]).T) < SIGHT] - around[:2])
         centre = np.array([0.0, 0.0, around[2]])
         found = []
-        for candidate in candidates(scan.surface.points, around_it, centre, reach, turn, levels=levels):
+        for candidate in candidates(scan.surface.points, around_it, centre, reach, turn):
             pose = candidate[1:] + np.array([around[0], around[1], 0.0])
-            match = self._laid(scan, expected, pose, 0.2)
+            match = self._laid(scan, expected, pose, ROUGH)
             if match.refined.open_directions in (1, 2):
-                match = self._laid(scan, expected, keep_open(match.refined, expected.pose), 0.2)
+                match = self._laid(scan, expected, keep_open(match.refined, expected.pose), ROUGH)
             found.append(match)
         return found
 
@@ -169,7 +168,7 @@ class MapMatcher:
         Against it are map outline that this scan saw through and its own where the last scan did.
         """
         pose, surface = refined.pose, scan.surface
-        agreement = weigh(surface, self.map.target, NOTHING_SEEN, pose, 0.1)
+        agreement = weigh(surface, self.map.target, NOTHING_SEEN, pose)
         against = SPACING * float(np.count_nonzero(self.map.seen_through(scan.view, pose, CLEAR)))
         odd = agreement.labels != 0
         points = transform_points(pose, surface.points[odd])

@@ -21,6 +21,8 @@ from registration.placement.refine import TUKEY, Refined, off_line
 # Of use in a corridor without an end and over long drives.
 LIMIT = 0.06  # metres an offset can have
 PRIOR = 0.01  # metres, standard deviation of the offset before anything is seen
+# Share of its beams that a scan counts for: residuals of neighbours share the map's errors.
+COUNTS = 0.1
 FADING = 0.9995  # per keyframe: the offset follows the temperature
 
 
@@ -71,8 +73,7 @@ class RangeOffset:
         )  # fmt: skip
         if not math.isfinite(information) or information <= 0.0:
             return
-        # Residuals of neighbouring beams share the map's errors: a scan counts for a tenth of its beams.
-        information, gradient = 0.1 * information, 0.1 * gradient
+        information, gradient = COUNTS * information, COUNTS * gradient
         self._information = FADING * self._information + (1.0 - FADING) * PRIOR**-2.0 + information
         self.value += (gradient - PRIOR**-2.0 * (1.0 - FADING) * self.value) / self._information
         self.value = min(max(self.value, -LIMIT), LIMIT)

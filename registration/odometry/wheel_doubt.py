@@ -7,15 +7,15 @@ import numpy as np
 from estimation.checks import FloatArray
 from estimation.geometry.poses import wrap_angle
 
+SHARE = 0.2  # of a motion that any prediction of it may be off by
 # Set on simulated floors of 3.5 m sight, where 25 to 100 scans and 9 to 25 do about the same.
 MEMORY = 50  # scans over which it is learned
-REFUTED = 16.0  # squared deviations from which on wheels were wrong, not just inexact
 
 
 def prediction_covariance(motion: FloatArray) -> FloatArray:
     """(3, 3) doubt about any predicted motion, in the frame it starts from."""
-    away = 0.05 + 0.2 * float(np.hypot(motion[0], motion[1]))
-    return np.diag([away, away, 0.03 + 0.2 * abs(float(motion[2]))]) ** 2
+    away = 0.05 + SHARE * float(np.hypot(motion[0], motion[1]))
+    return np.diag([away, away, 0.03 + SHARE * abs(float(motion[2]))]) ** 2
 
 
 class WheelDoubt:

@@ -28,25 +28,25 @@ from registration.clouds.feature_matching import match_features
 from registration.laser.prepared import PreparedScan, prepare
 from registration.laser.scan import Scan
 from registration.placement.align import Views, both_clouds, held, ranked, settle
+from registration.placement.align_submaps import RIVAL, apart
 from registration.placement.classic import icp
-from registration.placement.correlative import Wanted, candidates
+from registration.placement.correlative import ROUGH, Wanted, candidates
 from registration.placement.histograms import histogram_candidates
 from registration.placement.judgement import GUESS_SIGMA, Asked, judged
 from registration.placement.refine import Refined, refine
 from registration.result import Registration
 
 REACH = 6.0  # metres between the two sensors in x and in y
-CANDIDATES = 24
+CANDIDATES = 12
 KEEP = 0.55  # share of the best candidate's correlation that another needs: seen from elsewhere, little fits
 AGAINST = 3.0  # metres of agreeing outline that one in seen space outweighs: where places are one, little contradicts
-RIVAL = 0.93  # share of the best merit at which another place is as good
 # What was out of view speaks for no place. A room laid on itself after half a turn agrees along all of its walls, while
 # the true place, of which both scans saw little, only has nothing against it: share of the best merit, and of what can
 # be judged, from which such a place is one. Without, more simulated pairs are accepted, some of them wrong.
 POSSIBLE, UNDISPUTED = 0.5, 0.95
 TURNED = 0.3  # rad by which that place has to be turned; along a wall, places next to each other are alike
 # Without a guess there are as many wrong places as there are candidates.
-ASKED = Asked(fitness=0.75, merit=0.39)
+ASKED = Asked(merit=0.39)
 
 
 def align_globally(
@@ -78,10 +78,10 @@ def align_globally(
 
 def _by_correlation(moving: PreparedScan, still: PreparedScan) -> Iterator[Refined]:
     found = candidates(
-        moving.surface.points, still.surface.points, np.zeros(3), REACH, np.pi, 4, Wanted(KEEP, CANDIDATES)
+        moving.surface.points, still.surface.points, np.zeros(3), REACH, np.pi, Wanted(KEEP, CANDIDATES)
     )  # fmt: skip
     for candidate in found:
-        yield refine(moving.surface, still.target, candidate[1:].copy(), 0.2)
+        yield refine(moving.surface, still.target, candidate[1:].copy(), ROUGH)
 
 
 def _by_histograms(moving: PreparedScan, still: PreparedScan) -> Iterator[Refined]:
@@ -109,12 +109,12 @@ def _outlines(
     if refined.open_directions:
         return _refused(outcome, outcome.reason + " and there is no guess")
     for score, rival, views in placed[1:]:
-        away = between(refined.pose, rival.pose)
-        if np.hypot(*away[:2]) < 0.3 and abs(away[2]) < 0.15:
+        if not apart(refined.pose, rival.pose):
             continue
         if score > RIVAL * best:
             return _refused(outcome, "another pose fits as well")
-        if score > POSSIBLE * best and abs(away[2]) > TURNED and _undisputed(views):
+        turned = abs(between(refined.pose, rival.pose)[2]) > TURNED
+        if turned and score > POSSIBLE * best and _undisputed(views):
             return _refused(outcome, "another pose cannot be ruled out: no view contradicts it")
     return outcome
 

@@ -76,7 +76,6 @@ def align_submaps(
         np.array([0.0, 0.0, guess[2]]),
         reach,
         turn,
-        2 if reach < 2.5 else 4,
         Wanted(keep=0.75, most=2 * MOST, points=10**6),
     )
     starts = found[:, 1:] + np.array([guess[0], guess[1], 0.0])

@@ -15,15 +15,13 @@ from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import compound, transform_points, wrap_angle
-from registration.clouds.ndt import grids_of, newton
+from registration.clouds.ndt import ITERATIONS, STEP, grids_of, newton
 from registration.laser.prepared import PreparedScan
 from registration.laser.rigid import rigid_motion
-from registration.placement.refine import TUKEY, Refined, refine
+from registration.placement.refine import KERNEL, TUKEY, Refined, refine
 
 REACH = 1.0  # metres within which points correspond
-ITERATIONS = 60
 CELL = 1.0  # metres, edge of an NDT cell
-STEP = 1e-4  # metres and radians below which the iterations have settled
 
 
 def icp(moving: PreparedScan, still: PreparedScan, start: FloatArray) -> Refined:
@@ -89,8 +87,7 @@ def _iterate(
             break
     pose[2] = wrap_angle(pose[2])
     # One look at the lines around the outcome gives its information; the pose stays what the method found.
-    noise = 0.012
-    found = refine(moving.surface, still.target, pose.copy(), TUKEY * noise, noise, most=1)
+    found = refine(moving.surface, still.target, pose.copy(), TUKEY * KERNEL, most=1)
     return replace(found, pose=pose, settled=settled)
 
 

@@ -15,12 +15,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
+from registration.laser.submap import CELL, FAR
 
-CELL = 0.1  # metres, of the finest raster
-PEAK = 16  # score of a point that falls on a target point's cell
-FARTHEST = 25.0  # metres from the target's sensor; beyond it, points are too sparse to search by
+ROUGH = 0.2  # metres that points may be off where a candidate puts them
 DONE = 1 << 40  # above all scores
-SLOPE = np.array([16, 10, 3], dtype=np.uint8)  # by distance in cells
+WIDE = 2.5  # metres from which on a window is searched by larger blocks, each twice as wide as the one below
+SLOPE = np.array([16, 10, 3], dtype=np.uint8)  # score of a point by its distance from a target's, in cells
 
 
 @njit(cache=True)
@@ -215,7 +215,7 @@ def _candidates(source, target, centre, reach, turn, levels, keep, most, count):
     near = np.empty((len(target), 2))
     kept = 0
     for k in range(len(target)):
-        if target[k, 0] * target[k, 0] + target[k, 1] * target[k, 1] <= FARTHEST * FARTHEST:
+        if target[k, 0] * target[k, 0] + target[k, 1] * target[k, 1] <= FAR * FAR:
             for a in range(2):
                 near[kept, a] = target[k, a]
                 low[a], high[a] = min(low[a], target[k, a]), max(high[a], target[k, a])
@@ -239,7 +239,7 @@ def _candidates(source, target, centre, reach, turn, levels, keep, most, count):
     found = _search(thin, rasters, width, height, origin, centre, half, turns, keep, 400)
     chosen = _separate(found, 0.3, math.radians(8.0), most)
     for k in range(len(chosen)):
-        chosen[k, 0] /= PEAK * len(thin)
+        chosen[k, 0] /= SLOPE[0] * len(thin)
     return chosen
 
 
@@ -260,16 +260,16 @@ def candidates(
     centre: FloatArray,
     reach: float,
     turn: float,
-    levels: int = 2,
     wanted: Wanted = USUAL,
 ) -> NDArray[np.float64]:
     """Motions that lay `source` (N, 2) on `target` (M, 2), sensor frames, points in beam order.
 
     centre : (3,) x, y, yaw the search is centred on. reach : metres to either side in x and y.
-    turn : radians to either side. levels : of blocks of translations, each twice as wide as the one below.
+    turn : radians to either side.
 
     Returns
     -------
     (K, 4) : score in [0, 1], x, y, yaw; best first, K <= `wanted.most`, apart by 0.3 m or 8 degrees at least.
     """
+    levels = 2 if reach < WIDE else 4
     return np.asarray(_candidates(source, target, centre, reach, turn, levels, *wanted))

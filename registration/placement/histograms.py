@@ -13,11 +13,12 @@ from scipy.ndimage import gaussian_filter1d
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import wrap_angle
+from registration.laser.submap import CELL
 from registration.laser.surface import Surface
 
 BINS = 360  # of a full turn
 BLUR = 1.5  # bins that normals waver by
-CELL, SMEAR = 0.1, 1.0  # metres per bin of a projection, and bins that points waver by
+SMEAR = 1.0  # bins of a projection that points waver by; they are of CELL metres
 TURNS, SHIFTS = 8, 4  # peaks that are followed
 APART = 5  # bins between two peaks of turns
 CELLS = 301  # of a projection: 15 m to either side

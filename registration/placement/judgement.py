@@ -27,7 +27,7 @@ LEAST_LENGTH = 1.0  # metres of agreeing outline
 LEAST_POINTS = 20
 # What moved stands in seen space in pieces of the size of people and boxes, what belongs to another room in stretches
 # of wall: the longer the mean piece and the mean metre's piece are, the more of the outlines has to agree.
-PER_PIECE, PER_METRE = 0.45, 0.2  # of overlap per metre
+TOO_LONG = 0.3  # of overlap per metre
 MOST_BORROWED = 0.1  # metres or radians of doubt that one small piece may be the only remedy for
 
 
@@ -38,9 +38,9 @@ class Asked:
     alone : whether one small piece of outline may not be the only thing that fixes a direction.
     """
 
-    fitness: float = 0.55
-    overlap: float = 0.35
-    together: float = 1.0
+    fitness: float = 0.0
+    overlap: float = 0.0
+    together: float = 0.0
     merit: float = 0.21  # measured between strangers' rooms and rooms full of movers
     alone: bool = True
 
@@ -68,7 +68,7 @@ class PieceEvidence:
     @property
     def merit(self) -> float:
         """Overlap, less what the contradicting pieces are too long for."""
-        return self.overlap - PER_PIECE * self.piece - PER_METRE * self.metre
+        return self.overlap - TOO_LONG * (self.piece + self.metre)
 
 
 @njit(cache=True)

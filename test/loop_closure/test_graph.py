@@ -14,8 +14,9 @@ from estimation.geometry.poses import (
     compound_jacobians,
     pose_to_matrix,
 )
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.esdf import EsdfGraph
-from loop_closure.graph.pose_graph import Edge, SmoothedGraph, residuals
+from loop_closure.graph.pose_graph import SmoothedGraph, residuals
 from loop_closure.graph.smoother import News, Smoother
 from loop_closure.graph.uncertainty import Uncertainty
 

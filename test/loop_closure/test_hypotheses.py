@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimation.geometry.poses import between, compound, inverse, pose_to_matrix
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.uncertainty import Uncertainty, apart
 from loop_closure.keyframes import Keyframes
 from loop_closure.slam.closure_hypotheses import MOST, ClosureHypotheses, Guess, consistent

@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimation.geometry.poses import between, compound
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.marginal import DEGREE, averaged, joined, renumbered, turned_round, without
-from loop_closure.graph.pose_graph import Edge
 from loop_closure.graph.smoother import as_gtsam, factor
 from loop_closure.motions import compose, invert, motion
 

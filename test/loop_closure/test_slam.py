@@ -12,7 +12,7 @@ import pytest
 from estimation.errors import InputError
 from estimation.geometry.poses import between, compound
 from estimation.metrics.statistics import absolute_trajectory_error, align_points
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.maps.localization import Localizer
 from loop_closure.maps.map_file import read_map, write_map
 from loop_closure.maps.merging import merge

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from loop_closure.graph.pose_graph import Edge, SmoothedGraph
+from loop_closure.graph.edges import Edge
+from loop_closure.graph.pose_graph import SmoothedGraph
 from loop_closure.graph.smoother_process import FORGET, RemoteSmoother, SmootherProcess
 
 

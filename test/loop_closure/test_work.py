@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
+from loop_closure.graph.edges import Edge
 from loop_closure.graph.marginal import renumbered, without
-from loop_closure.graph.pose_graph import Edge, SmoothedGraph
+from loop_closure.graph.pose_graph import SmoothedGraph
 from loop_closure.places.features import features_2d
 from loop_closure.places.recognizer import PlaceRecognizer
 from loop_closure.slam.trajectory import Slam

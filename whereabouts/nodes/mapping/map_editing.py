@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from std_srvs.srv import SetBool, Trigger
 
 from estimation.errors import InputError
-from loop_closure.graph.pose_graph import Edge
+from loop_closure.graph.edges import Edge
 from loop_closure.motions import positions
 from loop_closure.slam.editing import nearest_closure
 from loop_closure.slam.trajectory import Slam
