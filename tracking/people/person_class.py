@@ -19,11 +19,11 @@ from estimation.checks import FloatArray
 from estimation.geometry.poses import compound, transform_points
 from estimation.learning.gradient_boosting import GradientBoosting
 from tracking.mixture.target import Target
+from tracking.people.cluster_model import WALKS, ClusterScan
 from tracking.people.legs import FEATURES
 
 if TYPE_CHECKING:
     from tracking.mixture.components import IntArray
-    from tracking.people.cluster_model import ClusterScan
     from tracking.people.identity import Origin
 
 MODEL = "person_class.json"
@@ -42,9 +42,8 @@ COURSE = (
 )  # fmt: skip
 NAMES = (*AVERAGED, *VARYING, *COURSE)
 SHAPE, WIDTH = AVERAGED.index("shape"), AVERAGED.index("width")
-FIRST = 0.5  # s in which it shows whether something stands where it was empty before
-SHORT, LONG = 0.5, 1.5  # s over which what is seen now, and walking, are averaged
-STRIDES = 0.3  # m/s by which whoever walks is off where he was `LONG` ago, by its time
+# s over which what is seen now, and walking, are averaged; in the first it shows whether it stands where it was empty.
+SHORT, LONG = 0.5, 1.5
 LONGEST, FARTHEST, VIEWS = 20.0, 5.0, 20  # s, m and sides beyond which a target is no better known
 _CLUSTER = [
     FEATURES.index(name)
@@ -70,7 +69,7 @@ class ClassEvidence:
 
     origin (2,) : where it was first, m. unseen : share of it where nobody had looked by then. before : who it may be
     that was known before. own : probability that it is a person by its own looks,
-    from `SHORT` on, and of any newcomer there before. last_seen : stamp, s.
+    from `SHORT` on, and of any newcomer there before. told : whether it is told of as a person. last_seen : stamp, s.
     looks : s it was seen for. means (len(AVERAGED),); squares (2,) : means of width² and shape². pairs (3,) : seconds
     with two clusters, and their gap and gap² by them. place, spread : means of where its clusters were and of that
     squared, m from the origin and m². now, fresh, returns : of the last half second. behind (2,) : where it was a
@@ -83,6 +82,7 @@ class ClassEvidence:
     unseen: float = 0.0
     before: Origin | None = None
     own: float = 1.0
+    told: bool = False
     last_seen: float = 0.0
     looks: float = 0.0
     means: FloatArray = field(default_factory=lambda: np.zeros(len(AVERAGED)))
@@ -94,8 +94,8 @@ class ClassEvidence:
     now: float = 0.0
     fresh: float = 0.0
     pair: float = 0.0
-    best: float = -9.0
-    worst: float = 9.0
+    best: float = -math.inf
+    worst: float = math.inf
     arrived: float = 0.0
     stood: float = 0.0
     behind: FloatArray = field(default_factory=lambda: np.zeros(2))
@@ -139,7 +139,7 @@ class ClassEvidence:
             gap = math.hypot(ax - bx, ay - by)
             self.pairs += dt * np.array([1.0, gap, gap * gap])
         self.pair = float(not one)
-        if self.looks < FIRST:
+        if self.looks < SHORT:
             self.arrived += whole * (fresh - self.arrived)
             self.stood += whole * (old - self.stood)
         share = 1.0 - math.exp(-dt / SHORT) if self.looks > 0.0 else 1.0
@@ -182,7 +182,7 @@ class ClassEvidence:
         self.behind[1] += share * dy
         self.drift = math.hypot(dx, dy) / LONG
         self.fast = max(self.fast, self.drift)
-        self.walked += dt * float(self.drift > STRIDES) * fresh
+        self.walked += dt * float(self.drift > WALKS) * fresh
 
     def features(self, target: Target) -> list[float]:
         """What the class is learned from, one number for each of `NAMES`."""
