@@ -41,7 +41,7 @@ COMMON = (
     _I("out", DIAGNOSTICS, "diagnostic_msgs/DiagnosticArray", "rates, latencies, drops by reason, losses, health"),
     _I("out", "~/processed", "whereabouts_msgs/Processed", "each input message that has been processed, except those on demand", "report_processed"),
     _I("out", "~/connections", "whereabouts_msgs/Connections", "which nodes it is connected to", "report_processed"),
-    _I("in", "~/turn", "std_msgs/Empty", "in a lock-step replay: it is the node's turn to handle what it has kept", "report_processed"),
+    _I("in", "~/turn", "whereabouts_msgs/Connections", "in a lock-step replay: it is the node's turn to take in so many messages of each input", "report_processed"),
     _I("service", "~/reset", "whereabouts_msgs/Reset", "start anew; what is stored stays"),
 )  # fmt: skip
 

@@ -8,15 +8,15 @@ of it is in groups.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
 from estimation.geometry.sight import AGREES, HIDDEN, THROUGH, UNSEEN
-from registration.crf.beams import ends_of, moved, nearness, point_at
+from registration.crf.beams import ends_of, nearness, point_there, seen, shifted
 from registration.crf.setup import Start
 from registration.laser.outline import CLEAR
 
@@ -43,38 +43,88 @@ AROUND = 6  # points of a piece to either side that are near
 NOTHING_BESIDE = -3.0  # in place of an edge, at the ends of a scan
 
 
+class Here(NamedTuple):
+    """Points (n, 2) of scan a, their ranges (n,), m, and (n,) the numbers of what they are in: the piece, its part, the
+    cluster. sight (n,) : how b sees them. off (n,) : how far off its outline they are, by what may be noise."""
+
+    points: Any
+    ranges: Any
+    pieces: Any
+    parts: Any
+    clusters: Any
+    sight: Any
+    off: Any
+
+
 def evidence(begun: Start, clusters: NDArray[np.int64]) -> FloatArray:
     """(n, len(NAMES)) for the points of scan a in `clusters` (n,), see `groups_as_labels`."""
-    a, moving, new = begun.a, clusters > 0, _through(begun.fresh)
-    # The first five are how b sees a point, and whether it is in a group; the others `_behind`.
-    through, hidden = _through(begun.sight), begun.sight == HIDDEN
-    sights = (begun.sight == AGREES, through, hidden, begun.sight == UNSEEN, moving)
-    seen = np.column_stack((*sights, *_behind(begun, hidden, new)))
-    away = cKDTree(a.points[moving]).query(a.points, distance_upper_bound=FAR)[0]
-    away = np.minimum(away, FAR)
-    off = np.minimum(begun.off / nearness(a, begun.noise), 3.0)
-    ranges = a.ranges[a.beams]
-    means, count, nearest = of_pieces(a.pieces, seen, away)
-    shapes, ends = _shapes(a.points, ranges, a.pieces, count)
-    some = np.minimum(means[:, 1] * count, MOST)
-    pieces = np.column_stack((means[:, :4], some, means[:, 4], nearest, means[:, 5:], shapes))
-    means, count, nearest = of_pieces(a.parts, seen, away)
-    shapes, _ = _shapes(a.points, ranges, a.parts, count)
-    parts = np.column_stack((means[:, :5], nearest, shapes[:, :2], shapes[:, 4:]))
-    cluster = of_pieces(np.maximum(clusters, 0), seen, away)[0][:, :2]
-    cluster[0] = -1.0
-    return np.column_stack(
-        (
-            *(off, seen[:, 5], moving, _around(a.points, a.pieces, ends, seen), away),
-            *(pieces[a.pieces], parts[a.parts], cluster[np.maximum(clusters, 0)]),
-            np.broadcast_to((through.mean(), hidden.mean(), new.mean() if len(new) else 0.0), (len(a), 3)),
-        )
+    a = begun.a
+    here = Here(
+        a.points,
+        a.ranges[a.beams],
+        a.pieces,
+        a.parts,
+        clusters,
+        begun.sight,
+        begun.off / nearness(a, begun.noise),
     )
+    return np.asarray(_evidence(here, seen(begun.b), begun.registration.transform, begun.fresh))
 
 
-def _through(sight: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which points were seen through."""
-    return np.asarray((sight == THROUGH) | (sight == CLEAR))
+@njit(cache=True)
+def _evidence(here, there, motion, fresh):  # type: ignore[no-untyped-def]
+    """See `evidence`. motion (3,) : of the background. fresh (m,) : how scan a sees the points of b."""
+    n = len(here.points)
+    new = (fresh == THROUGH) | (fresh == CLEAR)
+    told, away = _told(here, there, motion, new), _to_movers(here.points, here.clusters)
+    pieces, count, nearest = of_pieces(here.pieces, told, away)
+    shapes, ends = _shapes(here.points, here.ranges, here.pieces, count)
+    parts, part_count, part_nearest = of_pieces(here.parts, told, away)
+    part_shapes, _ = _shapes(here.points, here.ranges, here.parts, part_count)
+    groups, _, _ = of_pieces(np.maximum(here.clusters, 0), told, away)
+    near = _around(here.points, here.pieces, ends, told)
+    whole = np.array([told[:, 1].sum() / n, told[:, 2].sum() / n, new.sum() / max(len(new), 1)])
+    rows = np.empty((n, len(NAMES)))
+    for i in range(n):
+        p, q, g, row = here.pieces[i], here.parts[i], here.clusters[i], rows[i]
+        row[0], row[1], row[2], row[7] = min(here.off[i], 3.0), told[i, 5], told[i, 4], away[i]
+        row[3:7] = near[i]
+        row[8:12], row[12], row[13] = pieces[p, :4], min(pieces[p, 1] * count[p], MOST), pieces[p, 4]
+        row[14], row[15:18], row[18:24] = nearest[p], pieces[p, 5:], shapes[p]
+        row[24:29], row[29] = parts[q, :5], part_nearest[q]
+        row[30:32], row[32:34] = part_shapes[q, :2], part_shapes[q, 4:]
+        row[34], row[35] = (groups[g, 0], groups[g, 1]) if g > 0 else (-1.0, -1.0)
+        row[36:] = whole
+    return rows
+
+
+@njit(cache=True)
+def _told(here, there, motion, new):  # type: ignore[no-untyped-def]
+    """Whether each point agrees, is seen through, hidden, unseen, in a group; how far it is behind what scan b saw,
+    whether it is out of its view, and hidden by what is `new` (m,) there: (n, 8)."""
+    told = np.zeros((len(here.points), 8))
+    moved_there = shifted(here.points, motion)
+    for i in range(len(told)):
+        label, x, y = here.sight[i], moved_there[i, 0], moved_there[i, 1]
+        told[i, 0], told[i, 1] = label == AGREES, label in (THROUGH, CLEAR)
+        told[i, 2], told[i, 3], told[i, 4] = label == HIDDEN, label == UNSEEN, here.clusters[i] > 0
+        other, beam = point_there(x, y, there)
+        told[i, 6] = beam >= len(there.number)
+        if other >= 0:
+            told[i, 5] = min(max(math.hypot(x, y) - there.ranges[beam], -FAR), FAR)
+            told[i, 7] = label == HIDDEN and new[other]
+    return told
+
+
+@njit(cache=True)
+def _to_movers(points, clusters):  # type: ignore[no-untyped-def]
+    """Metres (n,) from each point to the nearest one in a group, at most `FAR`."""
+    movers = points[clusters > 0]
+    away = np.full(len(points), FAR * FAR)
+    for i in range(len(points)):
+        for j in range(len(movers)):
+            away[i] = min(away[i], (points[i, 0] - movers[j, 0]) ** 2 + (points[i, 1] - movers[j, 1]) ** 2)
+    return np.sqrt(away)
 
 
 @njit(cache=True)
@@ -147,19 +197,3 @@ def _shapes(points, ranges, pieces, count):  # type: ignore[no-untyped-def]
         higher = min(max(ranges[beyond] - ranges[l], -FAR), FAR) if beyond < len(points) else NOTHING_BESIDE
         shapes[p, 4], shapes[p, 5] = min(lower, higher), max(lower, higher)
     return shapes, ends
-
-
-def _behind(begun: Start, hidden: NDArray[np.bool_], new: NDArray[np.bool_]) -> FloatArray:
-    """How far the points are behind what scan b saw, whether they are out of its view, and hidden by what is new there.
-
-    (3, n); new : (m,) of the points of b.
-    """
-    b, there = begun.b, moved(begun.a.points, begun.registration.transform)
-    other, inside = point_at(b, there)
-    seen = other >= 0
-    depth = np.zeros((3, len(other)))
-    depth[0, seen] = np.hypot(*there[seen].T) - b.ranges[b.beams[other[seen]]]
-    np.clip(depth[0], -FAR, FAR, out=depth[0])
-    depth[1] = ~inside
-    depth[2, seen] = hidden[seen] & new[other[seen]]
-    return depth

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
+from estimation.geometry.sight import beam_at
 from registration.laser.outline import TOUCHING, WIDE, length, sightings
 from registration.laser.prepared import once
 from registration.laser.scan import Scan
@@ -217,13 +219,58 @@ def moved(points: FloatArray, motion: FloatArray) -> FloatArray:
     return np.asarray(points @ np.array([[c, s], [-s, c]]) + motion[:2])
 
 
-def point_at(b: Beams, points: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """(n,) point of b that the beam saw which looks at each of `points` (n, 2), -1 for none; whether a beam does."""
-    around = 2.0 * np.pi / abs(b.step)
-    beam = (np.arctan2(points[:, 1], points[:, 0]) - b.angle_min) / b.step
-    beam = np.floor(beam - np.floor((beam + 0.5) / around) * around + 0.5).astype(np.int64)
-    inside = beam < len(b.ranges)
-    return np.where(inside, b.number[np.where(inside, beam, 0)], -1), inside
+@njit(cache=True)
+def shifted(points, motion):  # type: ignore[no-untyped-def]
+    """As `moved`, in compiled functions: points (n, 2) moved by a motion (3,)."""
+    c, s = math.cos(motion[2]), math.sin(motion[2])
+    there = np.empty_like(points)
+    for i in range(len(points)):
+        there[i, 0] = motion[0] + c * points[i, 0] - s * points[i, 1]
+        there[i, 1] = motion[1] + s * points[i, 0] + c * points[i, 1]
+    return there
+
+
+class Seen(NamedTuple):
+    """What a scan saw, by beam: xy (B, 2), number (B,) and ranges (B,) as of `Beams`."""
+
+    xy: Any
+    number: Any
+    ranges: Any
+    angle_min: float
+    step: float
+
+
+def seen(beams: Beams) -> Seen:
+    """What a scan saw, for compiled functions."""
+    return Seen(beams.xy, beams.number, beams.ranges, beams.angle_min, beams.step)
+
+
+@njit(cache=True)
+def point_there(x, y, there):  # type: ignore[no-untyped-def]
+    """Point that the beam saw which looks at (x, y), -1 for none; that beam, beyond the last where none looks there."""
+    beam = int(beam_at(x, y, there.angle_min, there.step))
+    return (there.number[beam] if beam < len(there.number) else -1), beam
+
+
+@njit(cache=True)
+def nearest_point(x, y, reach, there):  # type: ignore[no-untyped-def]
+    """Point that a scan saw nearest to (x, y), closer than `reach` metres, -1 for none; how far that is, metres."""
+    count, away = len(there.number), length(x, y)
+    first, last = 0, count
+    around = round(2.0 * math.pi / abs(there.step))
+    if away > reach:
+        beam = int(beam_at(x, y, there.angle_min, there.step))
+        beside = int(math.asin(reach / away) / abs(there.step)) + 2
+        if 2 * beside < around:
+            first, last = beam - beside, beam + beside + 1
+    best, found = reach * reach, -1
+    for k in range(first, last):
+        j = k + around if k < 0 else k - around if k >= around else k
+        if j < count:
+            square = (x - there.xy[j, 0]) ** 2 + (y - there.xy[j, 1]) ** 2
+            if square < best:
+                best, found = square, there.number[j]
+    return found, math.sqrt(best)
 
 
 def per_beam(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
 from estimation.geometry.sight import AGREES, UNSEEN
-from registration.crf.beams import moved, nearness, per_beam, point_at
+from registration.crf.beams import moved, nearest_point, nearness, per_beam, point_there, seen, shifted
 from registration.crf.estimate import JointEstimate
 from registration.crf.setup import Start
 from registration.result import UNKNOWN
@@ -84,25 +86,32 @@ def _associate(
     motion: FloatArray,
     partners: NDArray[np.int64],
 ) -> None:
-    """Write which point of b each member (n,) is under `motion`.
-
-    That which the beam saw that looks there, if it is the same surface: noise along a beam then changes nothing. Else
-    the nearest.
-    """
-    index, b = np.flatnonzero(members), begun.b
-    if not len(index):
-        return
-    there = moved(begun.a.points[index], motion)
+    """Write which point of b each member (n,) is under `motion`."""
+    b = begun.b
     noise = nearness(b, begun.noise)
-    found, _ = point_at(b, there)
-    away = np.hypot(*(there - b.points[found]).T)
-    found = np.where((found >= 0) & (away < np.maximum(b.gaps, noise)[found]), found, -1)
-    rest = np.flatnonzero(found < 0)
-    if len(rest):
-        reach = np.maximum(NEAR * b.gaps, noise)
-        away, nearest = cKDTree(b.points).query(there[rest])
-        found[rest] = np.where(away < reach[nearest], nearest, -1)
-    partners[index] = found
+    same, near = np.maximum(b.gaps, noise), np.maximum(NEAR * b.gaps, noise)
+    _partners(begun.a.points, members, motion, b.points, seen(b), same, near, partners)
+
+
+@njit(cache=True)
+def _partners(points, members, motion, others, there, same, near, partners):  # type: ignore[no-untyped-def]
+    """Write which of `others` (m, 2) each member (n,) is.
+
+    That which the beam saw that looks there, if it is the same surface, less than `same` (m,) metres off: noise along a
+    beam then changes nothing. Else the nearest, if that is less than `near` (m,) metres off.
+    """
+    moved_there = shifted(points, motion)
+    reach = near.max() if len(near) else 0.0
+    for i in range(len(points)):
+        if not members[i]:
+            continue
+        x, y = moved_there[i]
+        found, _ = point_there(x, y, there)
+        if found < 0 or not math.hypot(x - others[found, 0], y - others[found, 1]) < same[found]:
+            found, away = nearest_point(x, y, reach, there)
+            if found >= 0 and not away < near[found]:
+                found = -1
+        partners[i] = found
 
 
 def _covariance(points: FloatArray, grain: FloatArray, motion: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from estimation.checks import FloatArray
 from estimation.geometry.poses import inverse
 from estimation.geometry.sight import AGREES, HIDDEN, THROUGH
-from registration.crf.beams import Beams, ends_of, moved, nearness, sighted
+from registration.crf.beams import Beams, ends_of, moved, nearest_point, nearness, seen, shifted, sighted
 from registration.crf.displacement import Goals, Group, Views, best_motion, claim
 from registration.laser.outline import CLEAR, length
 
@@ -110,6 +110,17 @@ def _groups(points, pieces, labels, ranges, largest):  # type: ignore[no-untyped
     return groups
 
 
+@njit(cache=True)
+def _owners(points, fresh, motion, there):  # type: ignore[no-untyped-def]
+    """Point of the other scan that each of `points` (m, 2) is that agrees with it, moved there by `motion`, else -1."""
+    owners = np.full(len(points), -1)
+    moved_there = shifted(points, motion)
+    for i in range(len(points)):
+        if fresh[i] == AGREES:
+            owners[i], _ = nearest_point(moved_there[i, 0], moved_there[i, 1], OWNED, there)
+    return owners
+
+
 @dataclass(frozen=True, eq=False)
 class _Tried:
     """A group of points (n,), where it seems to have gone, and what is new in b, (m,), that this explains."""
@@ -152,13 +163,9 @@ class _Search:
     @cached_property
     def owners(self) -> NDArray[np.int64]:
         """(m,) point of a that each point of b is where it agrees with the background, else -1."""
-        owners = np.full(len(self.b), -1, dtype=np.int64)
-        agrees = np.flatnonzero(self.fresh == AGREES)
-        if len(agrees) and len(self.a):
-            back = moved(self.b.points[agrees], inverse(self.background))
-            away, nearest = cKDTree(self.a.points).query(back)
-            owners[agrees] = np.where(away <= OWNED, nearest, -1)
-        return owners
+        return np.asarray(
+            _owners(self.b.points, self.fresh, inverse(self.background), seen(self.a)), dtype=np.int64
+        )
 
     def found(self, explained_here: NDArray[np.bool_], taken: NDArray[np.bool_]) -> list[MotionHypothesis]:
         """Groups of a and where they went in b, the best explained first: what is near another's goal may not take it.

@@ -5,81 +5,91 @@ from __future__ import annotations
 from whereabouts.nodes.runtime.flow import Flow
 
 LISTENERS = {"/middle": ["/b", "/c"], "/tf": ["/a", "/b"]}
+NODES = ("/a", "/b", "/c")
 
 
-def flow(sent: dict[str, int] | None = None) -> Flow:
-    return Flow(lambda topic: LISTENERS.get(topic, []), lambda topic: (sent or {}).get(topic, 0))
+def flow() -> Flow:
+    return Flow(lambda topic: LISTENERS.get(topic, []))
 
 
-def report(topic: str, received: int, **outputs: int) -> tuple[dict[str, int], dict[str, int]]:
-    return {topic: received}, {f"/{name}": count for name, count in outputs.items()}
+def due(state: Flow) -> list[str]:
+    return [node for node in NODES if state.due(node, ())]
 
 
-def test_a_node_is_behind_until_it_has_received_what_another_sent() -> None:
+def said(state: Flow, node: str, **outputs: int) -> None:
+    """A node says how much it has published."""
+    state.note(node, {}, {f"/{name}": count for name, count in outputs.items()})
+
+
+def turns(state: Flow) -> dict[str, dict[str, int]]:
+    """All who are to take something in do so; what each is told."""
+    given = {node: state.give(node) for node in due(state)}
+    for node in given:
+        state.taken(node)
+    return given
+
+
+def test_a_node_has_a_turn_when_something_was_sent_that_it_listens_to() -> None:
     state = flow()
-    assert state.behind() == []
-    state.note("/a", *report("/scan", 1, middle=1))
-    assert state.behind() == ["/b", "/c"]
-    state.note("/b", *report("/middle", 1))
-    assert state.behind() == ["/c"]
-    state.note("/c", *report("/middle", 1))
-    assert state.behind() == []
+    assert due(state) == []
+    said(state, "/a", middle=1)
+    assert turns(state) == {"/b": {"/middle": 1}, "/c": {"/middle": 1}}
+    assert due(state) == []
+    assert state.received("/b")["/middle"] == 1
+    assert (state.published("/middle"), state.total("/middle")) == (1, 1)
 
 
 def test_a_topic_of_several_publishers_counts_all_of_them() -> None:
-    sent = {"/tf": 5}
-    state = flow(sent)
-    state.note("/a", *report("/tf", 5, tf=2))
+    state = flow()
+    state.send("/tf", 5)
     # The node hears its own transforms too: 7 in all.
-    assert sorted(state.behind()) == ["/a", "/b"]
-    state.note("/a", *report("/tf", 7, tf=2))
-    state.note("/b", *report("/tf", 6))
-    assert state.behind() == ["/b"]
-    state.note("/b", *report("/tf", 7))
-    assert state.behind() == []
+    said(state, "/a", tf=2)
+    assert turns(state) == {"/a": {"/tf": 7}, "/b": {"/tf": 7}}
+    assert (state.published("/tf"), state.total("/tf")) == (2, 7)
+
+
+def test_what_is_lazy_makes_nobody_due_until_there_is_much_of_it() -> None:
+    state = flow()
+    state.send("/tf", 40)
+    assert not state.due("/a", {"/tf"})
+    state.send("/tf")
+    assert state.due("/a", {"/tf"})
 
 
 def test_counters_that_a_restart_begins_anew_go_on() -> None:
     state = flow()
-    state.note("/a", *report("/scan", 9, middle=9))
-    for node in ("/b", "/c"):
-        state.note(node, *report("/middle", 9))
+    said(state, "/a", middle=9)
+    turns(state)
     state.died("/a")
-    state.note("/a", *report("/scan", 1, middle=1))
-    assert state.behind() == ["/b", "/c"]
-    for node in ("/b", "/c"):
-        state.note(node, *report("/middle", 10))
-    assert state.behind() == []
-    # A listener that comes back has missed one for good.
+    said(state, "/a", middle=1)
+    assert turns(state) == {"/b": {"/middle": 10}, "/c": {"/middle": 10}}
+    # A listener that comes back has missed what there was, but for one that it was told once more.
     state.died("/b")
-    state.note("/a", *report("/scan", 3, middle=3))
-    state.note("/b", *report("/middle", 1))
-    state.note("/c", *report("/middle", 12))
-    assert state.behind() == ["/b"]
-    state.forgive()
-    assert state.behind() == []
-    state.note("/a", *report("/scan", 4, middle=4))
-    assert state.behind() == ["/b", "/c"]
+    said(state, "/a", middle=3)
+    state.note("/b", {"/middle": 1}, {})
+    state.begin("/b")
+    assert turns(state) == {"/c": {"/middle": 12}}
+    said(state, "/a", middle=4)
+    assert turns(state) == {"/b": {"/middle": 2}, "/c": {"/middle": 13}}
 
 
 def test_a_report_that_was_overtaken_changes_nothing() -> None:
     state = flow()
-    state.note("/a", *report("/scan", 9, middle=9))
-    for node in ("/b", "/c"):
-        state.note(node, *report("/middle", 9))
-    state.note("/b", *report("/middle", 7))
-    state.note("/a", *report("/scan", 8, middle=8))
-    assert state.behind() == []
+    said(state, "/a", middle=9)
+    turns(state)
+    state.note("/b", {"/middle": 7}, {})
+    said(state, "/a", middle=8)
+    assert due(state) == []
+    assert state.received("/b")["/middle"] == 9
 
 
-def test_what_a_listener_was_told_once_more_does_not_stand_for_what_is_still_to_come() -> None:
+def test_at_a_rate_a_node_is_behind_until_it_says_that_it_has_taken_all_in() -> None:
     state = flow()
-    state.note("/a", *report("/scan", 1, middle=1))
-    for node in ("/b", "/c"):
-        state.note(node, *report("/middle", 1))
-    state.died("/b")
-    state.note("/b", *report("/middle", 1))
-    state.forgive()
-    state.note("/a", *report("/scan", 2, middle=2))
-    state.note("/c", *report("/middle", 2))
-    assert state.behind() == ["/b"]
+    state.send("/tf", 2)
+    state.note("/a", {"/tf": 1}, {})
+    assert [node for node in NODES if state.behind(node)] == ["/a", "/b"]
+    state.note("/a", {"/tf": 2}, {})
+    state.begin("/b")
+    assert [node for node in NODES if state.behind(node)] == []
+    state.send("/tf")
+    assert [node for node in NODES if state.behind(node)] == ["/a", "/b"]

@@ -17,10 +17,38 @@ from whereabouts.nodes.ros.turns import (
     kept_name,
     mark_of,
     results_name,
+    waits_name,
 )
+from whereabouts.nodes.runtime.flow import MOST_LEFT, Flow
 from whereabouts.nodes.runtime.turn_giver import TurnGiver
+from whereabouts_msgs.msg import Connections
 
 ACTION = "/verify_object"
+
+
+class StandInInput:
+    """Stands for an input. coming : messages that have arrived; handler : called for each that is taken in."""
+
+    def __init__(self, topic: str, handler: Any = None) -> None:
+        self.topic, self.handler, self.coming, self.waiting = topic, handler, 0, 0
+        self.subscription = topic
+        self.counts = SimpleNamespace(received=0)
+        self.ended = 0
+
+    def take(self) -> bool:
+        if not self.coming:
+            return False
+        self.coming -= 1
+        self.counts.received += 1
+        if self.handler is not None:
+            self.handler()
+        return True
+
+    def tell_loss(self) -> None:
+        pass
+
+    def acknowledge(self, stamp: int) -> None:
+        self.ended += 1
 
 
 class TurningNode:
@@ -28,12 +56,25 @@ class TurningNode:
 
     def __init__(self) -> None:
         self.time = SimpleNamespace(clocks=SimpleNamespace(now=None))
-        self.replayed = True
+        self.replayed = self.active = True
         self.executor = None
+        self.inputs: list[StandInInput] = []
         self.acknowledged: list[Any] = []
         self.defects: list[Exception] = []
         self.account = SimpleNamespace(acknowledge=self.acknowledged.append)
         self.turns = Turns(self)  # type: ignore[arg-type]
+        self.turns.listen()
+
+    def add_input(self, kind: type, topic: str, handler: Any, **_: Any) -> StandInInput:
+        self.inputs.append(StandInInput(topic, handler))
+        return self.inputs[-1]
+
+    def turn(self, **wanted: int) -> int:
+        """A turn with so many messages of each topic in all; how many turns have ended by then."""
+        names = [f"/{name}" for name in wanted]
+        self.turns.take(Connections(inputs=names, received=[*wanted.values()]), 0)
+        self.turns.go_on()
+        return self.inputs[0].ended
 
     def get_fully_qualified_name(self) -> str:
         return "/robot"
@@ -49,10 +90,10 @@ def test_what_is_kept_is_done_in_the_order_of_inputs_whatever_came_first() -> No
         robot.turns.keep(rank, lambda rank=rank: done.append(rank))  # type: ignore[misc]
     robot.turns.keep(1, lambda: [][0])
     assert robot.turns.counts[kept_name("/robot")] == 6
-    robot.turns.take(None, 0)
+    robot.turn()
     assert done == [0, 2, 2, GOALS, RESULTS]
     assert isinstance(robot.defects[0], IndexError)
-    robot.turns.take(None, 0)
+    robot.turn()
     assert len(done) == 5
 
 
@@ -63,31 +104,55 @@ def test_who_rests_goes_on_in_a_turn_after_so_much_message_time() -> None:
     rest = robot.turns.rest(2.0)
     rest.send(None)
     robot.turns.look(6 * NANOSECONDS)
-    robot.turns.take(None, 0)
+    robot.turn()
     rest.send(None)
     robot.turns.look(7 * NANOSECONDS)
     rest.send(None)
-    robot.turns.take(None, 0)
+    robot.turn()
     with pytest.raises(StopIteration):
         rest.send(None)
     # Time may also go back.
     rest = robot.turns.rest(2.0)
     rest.send(None)
     robot.turns.look(0)
-    robot.turns.take(None, 0)
+    robot.turn()
     with pytest.raises(StopIteration):
         rest.send(None)
+
+
+def test_a_turn_ends_when_all_is_there_that_belongs_to_it_and_what_is_kept_comes_last() -> None:
+    robot, done = TurningNode(), list[str]()
+    robot.turn()
+    scans = robot.add_input(object, "/scan", lambda: robot.turns.keep(0, lambda: done.append("scan")))
+    tf = robot.add_input(object, "/tf", lambda: done.append("tf"))
+    tf.coming = 3
+    assert robot.turn(scan=1, tf=2) == 1
+    assert done == 3 * ["tf"]
+    assert robot.turns.awake == ["/robot/turn", "/scan"]
+    scans.coming = 1
+    robot.turns.go_on()
+    assert done[3:] == ["scan"]
+    assert robot.inputs[0].ended == 2
+    assert robot.turns.awake == ["/robot/turn"]
+    # What is kept in a turn is done in it: that is no reason for another one.
+    assert robot.turns.counts[kept_name("/robot")] == 0
+    scans.waiting = 2
+    assert robot.turns.counts[waits_name("/robot")] == 2
+    # One that is not active leaves all where it is.
+    robot.active, scans.coming = False, 1
+    assert robot.turn(scan=5) == 3
+    assert scans.coming == 1
 
 
 def test_goals_and_results_are_counted_by_whose_they_are() -> None:
     server, client = TurningNode(), TurningNode()
     server.turns.serves(ACTION)
-    server.turns.take(None, 0)
+    server.turn()
     goal = server.turns.begin(ACTION)
     goal.send(None)
     assert server.acknowledged[-1].topic == goals_name(ACTION)
     assert server.acknowledged[-1].received == 1
-    server.turns.take(None, 0)
+    server.turn()
     with pytest.raises(StopIteration):
         goal.send(None)
     server.turns.ended(ACTION, SimpleNamespace(goal_id=goal_id("/maintenance")))
@@ -97,32 +162,70 @@ def test_goals_and_results_are_counted_by_whose_they_are() -> None:
     done: list[str] = []
     client.turns.result(name, lambda: done.append("at once"))
     assert done == ["at once"]
-    client.turns.take(None, 0)
+    client.turn()
     client.turns.result(name, lambda: done.append("in its turn"))
     assert done == ["at once"]
-    client.turns.take(None, 0)
+    client.turn()
     assert done == ["at once", "in its turn"]
 
 
+def told(names: list[str], inputs: dict[str, list[str]]) -> tuple[TurnGiver, Flow, list[tuple[str, Any]]]:
+    """Who gives turns to nodes with these inputs, of which `tf` is lazy; what it is told of; and what it says."""
+    given: list[tuple[str, Any]] = []
+
+    def publisher(kind: type, topic: str, depth: int) -> Any:
+        return SimpleNamespace(
+            publish=lambda turn: given.append((topic, dict(zip(turn.inputs, turn.received, strict=True))))
+        )
+
+    flow = Flow(lambda topic: [name for name in names if topic in inputs.get(name, ())])
+    node: Any = SimpleNamespace(create_publisher=publisher)
+    return TurnGiver(node, names, flow, lambda name: {"/tf"}), flow, given
+
+
 def test_turns_go_to_those_who_are_listened_to_first() -> None:
-    names = ["/a/world_maintenance", "/world_model", "/shipped/world_model", "/loop_closure"]
-    told: list[str] = []
-    node: Any = SimpleNamespace(
-        create_publisher=lambda kind, topic, depth: SimpleNamespace(publish=lambda _: told.append(topic))
-    )
-    giver = TurnGiver(node, names)
+    names = ["/a/world_maintenance", "/world_model", "/shipped/world_model", "/scan_registration"]
+    inputs = {names[0]: ["/world_state"], names[1]: ["/targets"], names[2]: ["/targets"]}
+    giver, flow, given = told(names, inputs)
     assert giver.due() == []
-    for name in names[:3]:
-        giver.note(name, {kept_name(name): 2})
-    assert giver.due() == ["/world_model", "/shipped/world_model"]
+    flow.send("/targets")
+    flow.send("/world_state")
+    assert giver.due() == names[1:3]
     for name in giver.due():
         giver.give(name)
-    assert giver.due() == ["/a/world_maintenance"]
+    assert giver.due() == names[:1]
     giver.note("/world_model", {kept_name("/world_model"): 1})
-    giver.note("/loop_closure", {kept_name("/loop_closure"): 1})
-    assert giver.due() == ["/loop_closure"]
-    giver.died("/loop_closure")
-    giver.died("/a/world_maintenance")
+    assert giver.due() == ["/world_model"]
+    giver.note("/scan_registration", {kept_name("/scan_registration"): 1})
+    assert giver.due() == ["/scan_registration"]
+    giver.died("/scan_registration")
+    giver.give("/world_model")
+    giver.give("/a/world_maintenance")
     assert giver.due() == []
-    assert told == ["/world_model/turn", "/shipped/world_model/turn"]
-    assert giver.given("/world_model") == 1
+    assert given == [
+        ("/world_model/turn", {"/targets": 1}),
+        ("/shipped/world_model/turn", {"/targets": 1}),
+        ("/world_model/turn", {}),
+        ("/a/world_maintenance/turn", {"/world_state": 1}),
+    ]
+    assert giver.given("/world_model") == 2
+
+
+def test_transforms_give_no_turn_unless_somebody_waits_for_them_or_there_are_many() -> None:
+    giver, flow, given = told(["/verifier"], {"/verifier": ["/tf", "/scan"]})
+    for _ in range(MOST_LEFT):
+        flow.send("/tf")
+    assert giver.due() == []
+    assert giver.due(last=True) == ["/verifier"]
+    flow.send("/scan")
+    assert giver.due() == ["/verifier"]
+    giver.give("/verifier")
+    assert given[-1][1] == {"/tf": MOST_LEFT, "/scan": 1}
+    flow.send("/tf")
+    assert giver.due() == []
+    giver.ended("/verifier", {waits_name("/verifier"): 1})
+    assert giver.due() == ["/verifier"]
+    giver.ended("/verifier", {waits_name("/verifier"): 0})
+    for _ in range(MOST_LEFT):
+        flow.send("/tf")
+    assert giver.due() == ["/verifier"]

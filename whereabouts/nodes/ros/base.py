@@ -26,7 +26,6 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
-from std_msgs.msg import Empty
 from tf2_msgs.msg import TFMessage
 
 from estimation.errors import InputError, WhereaboutsError
@@ -42,7 +41,7 @@ from whereabouts.nodes.ros.inputs import Handler, Input
 from whereabouts.nodes.ros.outputs import QUIET, Output, OutputAccount
 from whereabouts.nodes.ros.qos import HEARD_LATCHED, TF_QOS, TF_STATIC_QOS
 from whereabouts.nodes.ros.timekeeping import Timekeeper
-from whereabouts.nodes.ros.turns import Caller, Turns, turn_topic
+from whereabouts.nodes.ros.turns import Caller, Turns
 from whereabouts.parameters.parameter_base import NodeParameters
 from whereabouts.system.interrupts import interrupts_kept, listen_to_interrupts
 from whereabouts_msgs.srv import Reset
@@ -97,12 +96,19 @@ class SuiteNode(LifecycleNode):
     @property
     def resting(self) -> list[Any]:
         """Subscriptions whose messages may lie about until something else wakes the node up."""
-        waits = any(item.waits for item in self.inputs)
+        if self.turns.on:
+            return [item for item in self.subscriptions if item not in self.turns.awake]
+        waits = any(item.waiting for item in self.inputs)
         return [
             item.subscription
             for item in self.inputs
             if item.on_demand and not (waits and (item.is_transforms or item.awaited))
         ]
+
+    @property
+    def own(self) -> list[Any]:
+        """Subscriptions whose messages are taken in when it is the node's turn."""
+        return [item.subscription for item in self.inputs] if self.turns.on else []
 
     # What a node implements.
 
@@ -255,8 +261,7 @@ class SuiteNode(LifecycleNode):
             self.setup()
             self.add_service(Reset, "~/reset", self._reset)
             if self.replayed:
-                topic = turn_topic(self.get_fully_qualified_name())
-                self.add_input(Empty, topic, self.turns.take, sensor=False, qos=QoSProfile(depth=10))
+                self.turns.listen()
             self.start_run()
         except Exception as error:
             if isinstance(error, WhereaboutsError):

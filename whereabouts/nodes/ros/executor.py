@@ -69,9 +69,9 @@ class NodeExecutor(SingleThreadedExecutor):
     before and after, for the sake of threads that may be waiting or destroying things meanwhile. Here there is one
     thread: wait sets are kept, and a callback is called. Only what awaits something becomes a task, and does not keep
     others of its callback group waiting. Events of the middleware are looked at once a second. Subscriptions that the
-    node names in `resting` wake nobody up: what they have is taken before anything else is done. With an rclpy that is
-    built otherwise it is the plain executor. What a callback raises goes to the node's `report_defect`, where it has
-    one, and no further.
+    node names in `resting` wake nobody up: what they have is taken before anything else is done, but for what the node
+    itself takes in, its `own`. With an rclpy that is built otherwise it is the plain executor. What a callback raises
+    goes to the node's `report_defect`, where it has one, and no further.
 
     rclpy's events executor takes less for a message (`bench/bench_executors.py`), but calls no timer while nothing else
     happens, and a coroutine that waits keeps it busy.
@@ -124,8 +124,9 @@ class NodeExecutor(SingleThreadedExecutor):
 
     def _catch_up(self, node: Any) -> None:
         """Take in what lies about in subscriptions that rest."""
+        own = getattr(node, "own", ())
         for subscription in getattr(node, "resting", ()):
-            for _ in range(AT_ONCE):
+            for _ in range(0 if subscription in own else AT_ONCE):
                 if not self._call(node, self._take_subscription, subscription):
                     break
 

@@ -63,7 +63,8 @@ class Input:
     on_demand : whether messages may lie about until something else wakes the node up: for what is only looked at now
         and then. They are not acknowledged one by one, what the queue had no room for is not lost, and their latency
         counts from when they are taken in.
-        In a replay nothing is on demand, as it would come now sooner, now later.
+        In a replay that gives turns everything lies about until it is the node's turn; see `Turns`.
+    lazy : whether what comes on it gives the node no turn of its own: what is on demand, and transforms.
     companions : inputs that tell more about a message of theirs with the same stamp: in a replay it waits for that.
     in_turn : whether a message is kept, in a lock-step replay, until it is the node's turn; see `Turns`.
     awaited : whether others wait for it also on a live robot, as its messages say where theirs were taken.
@@ -101,7 +102,8 @@ class Input:
         self.on_demand = on_demand and not node.replayed
         self.is_transforms = message_type is TFMessage
         self._latched = qos is not None and qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        self._acknowledged = 0
+        self.lazy = on_demand or (self.is_transforms and not self._latched)
+        self._sequence = self._told_lost = 0
         self._waiting: list[Waiting] = []  # oldest stamp first
         self._time: SourceClock[None] = SourceClock()
         self._admitted = 0.0  # when the last message was let in
@@ -128,7 +130,7 @@ class Input:
     def _receive(self, message: Any, info: dict[str, Any]) -> None:
         arrived = self._node.time.heard_at = time.perf_counter()
         self.counts.received += 1
-        sequence = int(info.get("publication_sequence_number") or 0)
+        self._sequence = sequence = int(info.get("publication_sequence_number") or 0)
         if self._sensor and not self.on_demand:
             if self.gaps.one_publisher is None:
                 self.watch_publishers()
@@ -140,7 +142,7 @@ class Input:
             message = self.opener.open(message)
         except InputError as error:
             self.drop("refused", str(error))
-            self._acknowledge(min(max(self.opener.stamp_of(message), EARLIEST), LATEST), sequence)
+            self._done(min(max(self.opener.stamp_of(message), EARLIEST), LATEST))
             return
         stamp = self.opener.stamp_of(message)
         # What is latched is said once: a node that ignored it while inactive would never have it.
@@ -155,7 +157,16 @@ class Input:
                 self._keep(partial(self._guarded, waiting))
             else:
                 self._within_budget(waiting)
-        self._acknowledge(stamp, sequence)
+        self._done(stamp)
+
+    def take(self) -> bool:
+        """Take in a message that lies about; whether there was one."""
+        subscription: Any = self.subscription
+        with subscription.handle:
+            found = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        if found is not None:
+            self._receive(*found)
+        return found is not None
 
     def _within_budget(self, waiting: Waiting) -> None:
         """Go on with a message, or keep it back instead of the one before. In lock-step there is all the time."""
@@ -260,9 +271,9 @@ class Input:
         self.latencies.append(time.perf_counter() - waiting.arrived)
 
     @property
-    def waits(self) -> bool:
-        """Whether messages wait for their transforms."""
-        return bool(self._waiting)
+    def waiting(self) -> int:
+        """How many messages wait for their transforms."""
+        return len(self._waiting)
 
     def companion_came(self) -> None:
         """Go on with what waits for it, or when it is the node's turn."""
@@ -297,7 +308,7 @@ class Input:
                 self._handle(item)
                 if not reported:
                     # Said again, as there may be more output now.
-                    self._acknowledge(item.stamp, self._acknowledged)
+                    self._done(item.stamp)
             elif over:
                 self._waiting.remove(item)
                 self.drop("no transform", self._node.transforms.missing(item.needed, item.stamp))
@@ -343,16 +354,31 @@ class Input:
             key=(self.topic, "qos"),
         )
 
-    def _acknowledge(self, stamp: int, sequence: int) -> None:
-        if self.on_demand or not self._node.settings.report_processed:
-            return
-        self._acknowledged = sequence
+    def _done(self, stamp: int) -> None:
+        """What came last is done with; where there are turns, that is said once for all inputs."""
+        if self._node.turns.on:
+            self._node.turns.go_on()
+        elif not self.on_demand and self._node.settings.report_processed:
+            self.acknowledge(stamp)
+
+    def acknowledge(self, stamp: int) -> None:
+        """Say that what came last is done with."""
+        self._told_lost = self._lost
         message = Processed(
             stamp=time_message(stamp),
             topic=self.topic,
-            sequence=sequence,
+            sequence=self._sequence,
             received=self.counts.received,
             dropped=self.counts.dropped,
-            lost=max(self.counts.lost, self.counts.reported_lost),
+            lost=self._lost,
         )
         self._node.account.acknowledge(message)
+
+    def tell_loss(self) -> None:
+        """Say how many messages were lost, if more were than was said before."""
+        if self._lost > self._told_lost:
+            self.acknowledge(self._time.newest or 0)
+
+    @property
+    def _lost(self) -> int:
+        return max(self.counts.lost, self.counts.reported_lost)

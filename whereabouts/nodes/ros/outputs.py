@@ -76,7 +76,9 @@ class OutputAccount:
         message = Connections(
             inputs=[*came],
             received=[*came.values()],
-            on_demand=[item.topic for item in node.inputs if item.on_demand],
+            on_demand=[
+                item.topic for item in node.inputs if (item.lazy if node.replayed else item.on_demand)
+            ],
             outputs=[*sent],
             sent=[*sent.values()],
             subscribers=subscribers,

@@ -1,32 +1,38 @@
-"""What a node keeps until it is its turn, so that a lock-step replay repeats to the last digit.
+"""What a node leaves alone until it is its turn, so that a lock-step replay repeats to the last digit, and soon.
 
-What several nodes say because of one message reaches a further node in any order. In a replay such inputs (`in_turn`),
-goals and results of actions, and coroutines that rest are kept. Once nothing is under way any more, the replay gives
-those nodes their turns that have something kept, in the order of `RANKS`; what follows depends on the bag alone. Kept
-things, goals and results are counted like messages, under names that no topic has.
+Messages lie about. A turn tells how many of each topic, by their publishers' word, the node is to have taken in, and
+wakes it up once for all of them. The replay gives turns in the order of `RANKS`, those who are listened to first. What
+several nodes of a rank say reaches a further one in any order: such inputs (`in_turn`), goals and results of actions,
+and coroutines that rest are kept until all is there. Kept things, goals and results are counted like messages, under
+names that no topic has.
 """
 
 from __future__ import annotations
 
 import hashlib
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rclpy.action.client import ActionClient
+from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts_msgs.msg import Processed
+from whereabouts_msgs.msg import Connections, Processed
 
 if TYPE_CHECKING:
     from whereabouts.nodes.ros.base import SuiteNode
+    from whereabouts.nodes.ros.inputs import Input
 
 # Who is listened to has its turn first; nodes of one rank say nothing to each other but what is kept.
-RANKS = {"motion_predictor": 1, "verifier": 1, "world_model": 1, "world_maintenance": 2, "object_search": 2}
+RANKS = {
+    "target_tracker": 1, "loop_closure": 1, "motion_predictor": 2, "verifier": 2, "world_model": 2,
+    "world_maintenance": 3, "object_search": 3,
+}  # fmt: skip
 # What is kept is done in the order of inputs, then goals, results, and coroutines that have rested.
 GOALS, RESULTS, RESTS = 1000, 1001, 1002
 MARK = 8  # bytes of a goal's id that tell who sent it
@@ -42,6 +48,11 @@ def turn_topic(node: str) -> str:
 def kept_name(node: str) -> str:
     """Under which a node counts what it has kept."""
     return f"{node}/kept"
+
+
+def waits_name(node: str) -> str:
+    """Under which a node says how much waits for transforms or for time to go on."""
+    return f"{node}/waits"
 
 
 def goals_name(action: str) -> str:
@@ -78,8 +89,8 @@ class _Rest:
 class Turns:
     """What one node keeps.
 
-    on : whether there is a replay that gives turns. taken : whether it is its just now. received, sent : goals and
-    results, by name.
+    on : whether there is a replay that gives turns. taken : whether it does what was kept just now. received, sent :
+    goals and results, by name.
     """
 
     def __init__(self, node: SuiteNode) -> None:
@@ -93,27 +104,76 @@ class Turns:
         self.sent: dict[str, int] = {}
         self._listeners: dict[str, Callable[[], int]] = {}
         self._kept: list[tuple[int, int, Callable[[], None]]] = []
-        self._count = 0
+        self._number = self._count = 0
         self._rests: list[_Rest] = []
         self.taken = False
+        self._wanted: dict[str, int] | None = None
+        self._missing: list[Input] = []
+        self._busy = False
+
+    def listen(self) -> None:
+        """Hear of the node's turns."""
+        topic = turn_topic(self._node.get_fully_qualified_name())
+        self._input = self._node.add_input(
+            Connections, topic, self.take, sensor=False, qos=QoSProfile(depth=10)
+        )
 
     @property
     def counts(self) -> dict[str, int]:
-        """What the node has put out besides messages."""
-        return {kept_name(self._node.get_fully_qualified_name()): self._count, **self.sent}
+        """What the node has put out besides messages, and how much waits."""
+        name = self._node.get_fully_qualified_name()
+        waiting = len(self._rests) + sum(item.waiting for item in self._node.inputs)
+        return {kept_name(name): self._count, waits_name(name): waiting, **self.sent}
+
+    @property
+    def awake(self) -> list[Any]:
+        """Subscriptions that the node waits for."""
+        return [item.subscription for item in (self._input, *self._missing)]
 
     def listeners(self, name: str) -> int:
         """How many have been found that take what is put out under a name."""
         return self._listeners[name]() if name in self._listeners else ENOUGH
 
     def keep(self, rank: int, work: Callable[[], None]) -> None:
-        """Do this when it is the node's turn."""
-        self._count += 1
-        self._kept.append((rank, self._count, work))
+        """Do this when it is the node's turn, which it may be now."""
+        self._number += 1
+        self._kept.append((rank, self._number, work))
+        self._count += not self._busy
 
-    def take(self, _message: Any, _stamp: int) -> None:
-        """It is the node's turn."""
-        self.on = self.taken = True
+    def take(self, message: Connections, _stamp: int) -> None:
+        """It is the node's turn: take in all there is, and so many of each topic in all."""
+        self.on = True
+        self._wanted = dict(zip(message.inputs, message.received, strict=True))
+
+    def go_on(self) -> None:
+        """Something came: end the turn if all is there that belongs to it."""
+        if self._busy:
+            return
+        self._busy = True
+        try:
+            if self._node.active:
+                if self._wanted is None or self._lacks(self._wanted):
+                    return
+                self._do_kept()
+            self._wanted, self._missing = None, []
+        finally:
+            self._busy = False
+        self._input.acknowledge(self._node.time.clocks.now or 0)
+
+    def _lacks(self, wanted: Mapping[str, int]) -> bool:
+        """Take in what lies about; whether some of what is wanted, by topic, is still to come."""
+        self._missing = []
+        for item in self._node.inputs:
+            while item is not self._input and item.take():
+                pass
+            item.tell_loss()
+            if item.counts.received < wanted.get(item.topic, 0):
+                self._missing.append(item)
+        to_come = any(count < wanted.get(name, 0) for name, count in self.received.items())
+        return to_come or bool(self._missing)
+
+    def _do_kept(self) -> None:
+        self.taken = True
         kept, self._kept = sorted(self._kept, key=lambda item: item[:2]), []
         for _, _, work in kept:
             try:
@@ -121,6 +181,8 @@ class Turns:
             except Exception as error:
                 self._node.report_defect("turn", error)
         self.taken = False
+        # What was kept because of it is for another turn.
+        self._count += bool(self._kept)
 
     # Coroutines.
 
@@ -178,6 +240,7 @@ class Turns:
         self.received[name] = self.received.get(name, 0) + 1
         self.keep(rank, work)
         self._node.account.acknowledge(Processed(topic=name, received=self.received[name]))
+        self.go_on()
 
 
 class Caller:

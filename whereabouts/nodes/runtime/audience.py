@@ -33,7 +33,7 @@ class Audience:
         self.inputs: dict[str, frozenset[str]] = {}
         self._on_demand: dict[str, frozenset[str]] = {}
         self._connections: dict[str, Connections] = {}
-        self._consumers: dict[str, list[str]] = {}
+        self._listeners: dict[str, list[str]] = {}
         self._reported: dict[str, int] = {}
         self._dead = DeadEnds(node)
         self._died: dict[str, int] = {}
@@ -44,10 +44,6 @@ class Audience:
         """Listen no more."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
-
-    def ask_again(self) -> None:
-        """Somebody came or went: the graph is asked anew who listens."""
-        self._consumers.clear()
 
     def is_of_the_dead(self, watched: str, info: dict[str, Any]) -> bool:
         """What a node said before it died may still be on its way."""
@@ -61,7 +57,7 @@ class Audience:
             inputs, on_demand = frozenset(message.inputs), frozenset(message.on_demand)
             if inputs != self.inputs.get(watched) or on_demand != self._on_demand.get(watched):
                 self.inputs[watched], self._on_demand[watched] = inputs, on_demand
-                self._consumers.clear()
+                self._listeners.clear()
             self._reported[watched] = int(info["source_timestamp"])
             received = dict(zip(message.inputs, message.received, strict=True))
             published = dict(zip(message.outputs, message.sent, strict=True))
@@ -74,31 +70,22 @@ class Audience:
             1,
         )
 
-    def consumers_of(self, name: str) -> list[str]:
-        """Watched nodes that take in all that comes on a topic, both by full name."""
-        found = self._consumers.get(name)
+    def listeners(self, name: str) -> list[str]:
+        """Watched nodes that listen to a topic, by their own word, both by full name."""
+        found = self._listeners.get(name)
         if found is None:
-            found = [node for node in self._subscribers(name) if name not in self._on_demand.get(node, ())]
-            if found or not self._is_wanted(name):
-                self._consumers[name] = found
+            found = [node for node in self._watched if name in self.inputs.get(node, ())]
+            self._listeners[name] = found
         return found
 
-    def _is_wanted(self, name: str) -> bool:
-        """Whether a topic without known subscribers may have some yet; asking the graph for each message is slow."""
-        return any(
-            name in self.inputs.get(node, (name,)) and name not in self._on_demand.get(node, ())
-            for node in self._watched
-        )
+    def lazy(self, node: str) -> frozenset[str]:
+        """Topics on which messages to a node may lie about."""
+        return self._on_demand.get(node, frozenset())
 
-    def _subscribers(self, name: str) -> list[str]:
-        # Goals and results are on no topic.
-        counted = [node for node in self._watched if name in self.inputs.get(node, ())]
-        found = {
-            full_name(end)
-            for end in self._node.get_subscriptions_info_by_topic(name)
-            if tuple(end.endpoint_gid) not in self._dead
-        }
-        return [node for node in self._watched if node in found] or counted
+    def _is_subscribed(self, node: str, name: str) -> bool:
+        """Whether the graph knows a node as a subscriber of a topic."""
+        ends = self._node.get_subscriptions_info_by_topic(name)
+        return any(full_name(end) == node and tuple(end.endpoint_gid) not in self._dead for end in ends)
 
     def _is_kept_for(self, name: str, topic: str) -> bool:
         """Whether a node that came late is given the latched message; one that asks for a volatile topic is not."""
@@ -107,15 +94,12 @@ class Audience:
             for end in self._node.get_subscriptions_info_by_topic(topic)
         )
 
-    def deaf(self, sent: set[str], answered: Collection[tuple[str, str]]) -> dict[str, list[str]]:
-        """Nodes of which nothing that was sent has reached an input but tf, and what they listen to.
-
-        answered : nodes and topics that they said to have taken something in from.
-        """
+    def deaf(self, sent: Callable[[str], int]) -> dict[str, list[str]]:
+        """Nodes to which nothing was sent but tf, and what they listen to. sent : messages there were on a topic."""
         found = {}
         for watched in self._watched:
             inputs = {name for name in self.inputs.get(watched, ()) if not name.endswith(NOT_DATA)}
-            if inputs and not inputs & ({topic for name, topic in answered if name == watched} | sent):
+            if inputs and not any(map(sent, inputs)):
                 found[watched] = sorted(inputs)
         return found
 
@@ -134,7 +118,7 @@ class Audience:
             f"{name} is not yet a known subscriber of {topic}"
             for name, report in self._connections.items()
             for topic in played.intersection(report.inputs)
-            if name not in self._subscribers(topic)
+            if not self._is_subscribed(name, topic)
         ]
         missing += [
             f"{name} has not received the last message on {topic}"
@@ -153,7 +137,7 @@ class Audience:
         """A watched node died: the graph shows its inputs for a while yet, as if they were those of its successor."""
         self._connections.pop(node, None)
         self.inputs.pop(node, None)
-        self._consumers.clear()
+        self._listeners.clear()
         self._died[node] = time.time_ns()
         self._dead.bury(node)
         self._born[node] = time.monotonic()

@@ -1,65 +1,98 @@
-"""What has been published between the nodes of a suite and what of it has been taken in.
+"""What has been sent to the nodes of a suite, and what of it each has been told to take in.
 
-Lock-step replay sends the next message when nothing is under way any more: neither its own, nor what one node sent
-another because of it.
+Lock-step replay gives a node a turn when something was sent that it listens to, by the replay or by another node.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Mapping
+
+# Messages that nobody waits for which may lie about: of transforms a hundred are kept.
+MOST_LEFT = 40
 
 
 class Flow:
-    """Messages between watched nodes.
+    """Messages to and from watched nodes. listeners : who listens to a topic, by full names."""
 
-    subscribers : watched nodes that listen to a topic, both by full name.
-    sent : messages that the replay itself has sent on a topic.
-    """
+    def __init__(self, listeners: Callable[[str], Collection[str]]) -> None:
+        self._listeners = listeners
+        self._total: Counter[str] = Counter()  # by topic
+        self._published: Counter[str] = Counter()  # of these, by watched nodes
+        # The last word of each node on what it has published, and on what it has received.
+        self._told: dict[str, Counter[str]] = defaultdict(Counter)
+        self._received: dict[str, Counter[str]] = defaultdict(Counter)
+        # By node and topic: what came since its last turn; what it is to have received by the end of that; and how much
+        # more it had received than there was when it was begun with.
+        self._came: dict[str, Counter[str]] = defaultdict(Counter)
+        self._asked: dict[str, dict[str, int]] = {}
+        self._ahead: dict[str, Counter[str]] = defaultdict(Counter)
 
-    def __init__(self, subscribers: Callable[[str], list[str]], sent: Callable[[str], int]) -> None:
-        self._subscribers = subscribers
-        self._sent = sent
-        self._published: Counter[str] = Counter()  # by topic
-        self._received: Counter[tuple[str, str]] = Counter()  # by node and topic, with what was forgiven
-        # The last word of each node on what it has published or received.
-        self._told: dict[tuple[str, str, str], int] = {}
+    def send(self, topic: str, count: int = 1) -> None:
+        """So many messages more have been sent."""
+        self._total[topic] += count
+        for node in self._listeners(topic):
+            self._came[node][topic] += count
 
     def note(self, node: str, received: Mapping[str, int], published: Mapping[str, int]) -> None:
         """Take in what a node reports: messages it has received and published, by topic."""
+        mine, told = self._received[node], self._told[node]
         for topic, count in received.items():
-            self._received[node, topic] += self._growth((node, "received", topic), count)
+            # Reports overtake each other, so a smaller figure is an older one.
+            mine[topic] = max(mine[topic], count)
         for topic, count in published.items():
-            self._published[topic] += self._growth((node, "published", topic), count)
-
-    def _growth(self, what: tuple[str, str, str], count: int) -> int:
-        """How many are new. Reports overtake each other, so a smaller figure is an older one."""
-        before = self._told.get(what, 0)
-        self._told[what] = max(before, count)
-        return self._told[what] - before
+            new = count - told[topic]
+            if new > 0:
+                told[topic] = count
+                self._published[topic] += new
+                self.send(topic, new)
 
     def died(self, node: str) -> None:
         """A node has ended; its successor counts from nought."""
-        self._told = {what: count for what, count in self._told.items() if what[0] != node}
+        self._told.pop(node, None)
+        self._received.pop(node, None)
 
     def published(self, topic: str) -> int:
         """Messages of a topic that watched nodes have sent."""
         return self._published[topic]
 
-    def behind(self) -> list[str]:
-        """Nodes that have yet to take in what other nodes sent them."""
-        return [node for (node, _), lag in self._lags().items() if lag > 0]
+    def total(self, topic: str) -> int:
+        """Messages of a topic that anybody has sent."""
+        return self._total[topic]
 
-    def forgive(self) -> None:
-        """Begin anew from where all are: a node died or joined late.
+    def received(self, node: str) -> Counter[str]:
+        """Messages that a node has taken in, by topic."""
+        return self._received[node]
 
-        What was said to it meanwhile is lost, and what is latched has come to it once more.
-        """
-        self._received.update(self._lags())
+    def begin(self, node: str) -> None:
+        """A node is done with all that was sent so far: it is new, or did not answer."""
+        received = self._received[node]
+        self._came[node].clear()
+        self._asked.pop(node, None)
+        self._ahead[node] = Counter(
+            {topic: received[topic] - self._total[topic] for topic in (*self._total, *received)}
+        )
 
-    def _lags(self) -> dict[tuple[str, str], int]:
-        return {
-            (node, topic): self._sent(topic) + count - self._received[node, topic]
-            for topic, count in self._published.items()
-            for node in self._subscribers(topic)
-        }
+    def due(self, node: str, lazy: Collection[str]) -> bool:
+        """Whether something was sent to a node since its last turn. lazy : topics on which that may wait a while."""
+        return any(count > (MOST_LEFT if topic in lazy else 0) for topic, count in self._came[node].items())
+
+    def give(self, node: str) -> dict[str, int]:
+        """A node has a turn: how many messages of each topic it is to have received at its end."""
+        ahead, came = self._ahead[node], self._came[node]
+        asked = self._asked[node] = {topic: self._total[topic] + ahead[topic] for topic in came}
+        came.clear()
+        return asked
+
+    def taken(self, node: str) -> None:
+        """A node has ended its turn."""
+        self.note(node, self._asked.get(node, {}), {})
+
+    def behind(self, node: str) -> bool:
+        """Whether a node has yet to take in something, by its own account."""
+        ahead, received = self._ahead[node], self._received[node]
+        return any(
+            received[topic] < count + ahead[topic]
+            for topic, count in self._total.items()
+            if node in self._listeners(topic)
+        )

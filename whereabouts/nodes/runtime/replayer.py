@@ -78,7 +78,6 @@ class ReplayAccount:
     def count(self, answers: Mapping[tuple[str, str], Processed]) -> None:
         """Take in the last answers of all nodes, by node and topic."""
         for (node, topic), answer in answers.items():
-            self.processed[node] += int(answer.received)
             if answer.lost:
                 self.lost[f"{node} {topic}"] = int(answer.lost)
 
@@ -88,10 +87,10 @@ class Replayer:
 
     bag : a file, or messages that are made as they are sent: what they tell may then depend on what the nodes said.
     node, executor : a node of the caller's to publish with, and what spins it.
-    rate : multiple of the recorded speed; None for lock-step, in which the next message is sent when every
-        watched node that subscribes to its topic has reported the one before as processed, and whatever the nodes
-        sent each other because of it has been taken in as well, each in its turn; see `Turns`.
-    watched : full names of the nodes to wait for; not for what they take in on demand.
+    rate : multiple of the recorded speed; None for lock-step, in which the next message is sent when every watched
+        node that listens to the one before has had its turn with it, and then those that listen to what these have
+        said; see `Turns`.
+    watched : full names of the nodes to wait for.
     namespace : put before the recorded topic names that have it not.
     is_running : whether a watched node's process is alive, so that nobody waits for a dead one.
     clock_period : s of the bag between two messages on /clock, at least; each wakes every node up.
@@ -117,19 +116,15 @@ class Replayer:
         self._log: MessageLog = open_raw(bag) if isinstance(bag, Path) else bag
         self._publishers: dict[str, Any] = {}
         self._latched: set[str] = set()
-        self._sent: Counter[str] = Counter()
-        # What others have sent on topics of the bag, and how many messages who listens will have received with it.
-        self._foreign: Counter[str] = Counter()
-        self._expected: dict[tuple[str, str], int] = {}
         self._answers: dict[tuple[str, str], Processed] = {}
         self._audience = Audience(node, self.watched, self._take_counts)
-        self._flow = Flow(self._audience.consumers_of, lambda topic: self._sent[topic])
+        self._flow = Flow(self._audience.listeners)
         self.account = ReplayAccount()
         self.now = 0
         self._clock = node.create_publisher(Clock, "/clock", 10)
         self._clock_sent = 0
         self._clock_period = round(clock_period * NANOSECONDS)
-        self._turns = TurnGiver(node, self.watched if rate is None else ())
+        self._turns = TurnGiver(node, self.watched if rate is None else (), self._flow, self._audience.lazy)
         # Whether somebody else has sent something that the nodes have to be done with. Called after each message.
         self._noted = False
         self.on_settled: Callable[[], None] = lambda: None
@@ -157,13 +152,11 @@ class Replayer:
         def keep(message: Processed, info: dict[str, Any]) -> None:
             if self._audience.is_of_the_dead(watched, info):
                 return
-            before = self._answers.get((watched, message.topic))
-            if before is not None and self._foreign[message.topic]:
-                # Publishers number their messages each for itself; ours are more.
-                message.sequence = max(message.sequence, before.sequence)
             self._answers[watched, message.topic] = message
             published = dict(zip(message.output_topics, message.output_counts, strict=True))
             self._take_counts(watched, {message.topic: message.received}, published)
+            if message.topic == turn_topic(watched) and message.sequence == self._turns.given(watched):
+                self._turns.ended(watched, published)
 
         return self._node.create_subscription(
             Processed,
@@ -213,17 +206,14 @@ class Replayer:
                 on_message(message)
             if self._noted and self._rate is None:
                 self._noted = False
-                self._wait_while(lambda: self._untold() or self._flow.behind())
-                self._expected.clear()
                 self._give_turns()
             self.on_settled()
         self._settle()
         self.account.bag_seconds = (self.now - (first or 0)) / NANOSECONDS
         self.account.wall_seconds = time.monotonic() - started
         self.account.count(self._answers)
-        self.account.deaf = self._audience.deaf(
-            {name for name, count in self._sent.items() if count}, self._answers
-        )
+        self.account.processed.update({name: self._flow.received(name).total() for name in self.watched})
+        self.account.deaf = self._audience.deaf(self._flow.total)
         return self.account
 
     def _messages(self) -> Iterator[RawMessage]:
@@ -243,38 +233,30 @@ class Replayer:
             self._clock.publish(Clock(clock=time_message(message.log_time)))
             self._clock_sent = message.log_time
         self._publishers[message.name].publish(bytes(message.data))
-        self._sent[self._name(message.name)] += 1
+        self._flow.send(self._name(message.name))
         self.account.published[message.name] += 1
         if self._rate is None:
-            name = self._name(message.name)
-            self._wait_while(lambda: self._behind(name))
             self._give_turns()
 
     def note(self, name: str) -> None:
         """Somebody else is about to send a message or a goal (by its name) that the nodes have to be done with."""
-        self._sent[name] += 1
+        self._flow.send(name)
         self._noted = True
-        if name in {self._name(topic) for topic in self._publishers}:
-            self._foreign[name] += 1
-            for node in self._audience.consumers_of(name):
-                answer = self._answers.get((node, name))
-                if answer is not None:
-                    before = self._expected.get((node, name), 0)
-                    self._expected[node, name] = max(before, int(answer.received)) + 1
 
-    def _give_turns(self) -> None:
-        """Let nodes do what they have kept, until nobody has anything."""
-        while due := self._turns.due():
+    def _give_turns(self, last: bool = False) -> None:
+        """Let nodes do what there is to do, until nobody has anything. last : nothing may lie about any longer."""
+        while due := self._turns.due(last):
             for name in due:
                 self._turns.give(name)
-            self._wait_while(lambda due=due: self._in_turn(due) or self._flow.behind())  # type: ignore[misc]
+            self._wait_while(lambda due=due: self._in_turn(due))  # type: ignore[misc]
 
     def _in_turn(self, names: Sequence[str]) -> list[str]:
         """Who of these is not done with his turn."""
         return [name for name in names if self._answered(name, turn_topic(name)) < self._turns.given(name)]
 
     def begin_turns(self) -> None:
-        """Tell all nodes that there are turns, and wait until they know; those that were told know it twice."""
+        """Tell all nodes that there are turns, and wait until they know and have taken in all they have so far."""
+        self.nodes_changed()
         takers = [name for name in self.watched if turn_topic(name) in self._audience.inputs.get(name, ())]
         deadline, again = time.monotonic() + PATIENCE, 0.0
         waiting = takers if self._rate is None else []
@@ -299,21 +281,10 @@ class Replayer:
                 care = now + CARE_PERIOD
                 if not all(map(self._is_running, waiting)):
                     break
-        if waiting:
-            # One died or hangs: the message counts as unanswered, and who listens is asked again.
-            self.account.unanswered.update(waiting)
-            self._audience.ask_again()
-            self._flow.forgive()
-
-    def _untold(self) -> list[str]:
-        """Who has yet to receive what others have sent on topics of the bag."""
-        return [key[0] for key, count in self._expected.items() if self._answers[key].received < count]
-
-    def _behind(self, name: str) -> list[str]:
-        """Who is not done with our last message on a topic, or else with what followed from it."""
-        number = self._sent[name] - self._foreign[name]
-        direct = [node for node in self._audience.consumers_of(name) if self._answered(node, name) < number]
-        return direct or self._flow.behind()
+        # One died or hangs: the message counts as unanswered.
+        self.account.unanswered.update(waiting)
+        for name in waiting:
+            self._flow.begin(name)
 
     def _answered(self, node: str, name: str) -> int:
         answer = self._answers.get((node, name))
@@ -325,7 +296,7 @@ class Replayer:
 
     def sent_by_all(self, topic: str) -> int:
         """The same with those of the bag."""
-        return self._flow.published(topic) + self._sent[topic]
+        return self._flow.total(topic)
 
     def unconnected(self, recorded: Collection[str] = ()) -> list[str]:
         """What has yet to be found before nothing can get lost, as sentences; empty once all is connected.
@@ -335,7 +306,7 @@ class Replayer:
 
         recorded : topics that the caller listens to.
         """
-        latched = {topic for topic in self._latched if self._sent[topic]}
+        latched = {topic for topic in self._latched if self._flow.total(topic) > self._flow.published(topic)}
         played = {self._name(topic) for topic in self._publishers}
         return self._audience.unconnected(recorded, played, latched)
 
@@ -350,16 +321,18 @@ class Replayer:
         return self._audience.silent_since(moment)
 
     def nodes_changed(self) -> None:
-        """A watched node came or went: ask the graph again who listens to what, and count from here."""
-        self._audience.ask_again()
-        self._flow.forgive()
+        """A watched node came or went: count from here."""
+        for name in self.watched:
+            self._flow.begin(name)
 
     def _settle(self) -> None:
         """Let the nodes finish: until all answers are in, or no more come."""
+        if self._rate is None:
+            self._give_turns(last=True)
+            return
         deadline, before = time.monotonic() + PATIENCE, 0
-        names = [self._name(recorded) for recorded in self._publishers]
-        while time.monotonic() < deadline and any(map(self._behind, names)):
+        while time.monotonic() < deadline and any(map(self._flow.behind, self.watched)):
             self._executor.spin_once(timeout_sec=0.2)
-            received = sum(answer.received for answer in self._answers.values())
+            received = sum(self._flow.received(name).total() for name in self.watched)
             if received > before:
                 deadline, before = time.monotonic() + PATIENCE, received

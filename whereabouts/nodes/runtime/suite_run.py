@@ -170,12 +170,12 @@ class _Watch:
                 self.on_event(f"continuing, although {'; '.join(missing)}")
                 break
             self.executor.spin_once(timeout_sec=0.05)
+        self.replayer.begin_turns()
         connected = time.time_ns()
         while self.replayer.silent_since(connected) and time.monotonic() < deadline:
             self.supervisor.check()
             self.executor.spin_once(timeout_sec=0.05)
         self.replayer.nodes_changed()
-        self.replayer.begin_turns()
 
 
 @dataclass

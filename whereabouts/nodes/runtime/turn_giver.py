@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from rclpy.node import Node
-from std_msgs.msg import Empty
 
-from whereabouts.nodes.ros.turns import RANKS, kept_name, turn_topic
+from whereabouts.nodes.ros.turns import RANKS, kept_name, turn_topic, waits_name
+from whereabouts.nodes.runtime.flow import Flow
+from whereabouts_msgs.msg import Connections
 
 DEPTH = 10
 
 
 class TurnGiver:
-    """Knows who has something kept. watched : full names of the nodes."""
+    """Knows who has something to do.
 
-    def __init__(self, node: Node, watched: Sequence[str]) -> None:
-        self._publishers = {name: node.create_publisher(Empty, turn_topic(name), DEPTH) for name in watched}
+    watched : full names of the nodes. flow : what was sent to them. lazy : topics on which messages may wait, by node.
+    """
+
+    def __init__(
+        self, node: Node, watched: Sequence[str], flow: Flow, lazy: Callable[[str], Collection[str]]
+    ) -> None:
+        self._publishers = {
+            name: node.create_publisher(Connections, turn_topic(name), DEPTH) for name in watched
+        }
+        self._flow, self._lazy = flow, lazy
         self._given: Counter[str] = Counter()
         self._kept: Counter[str] = Counter()
         self._done: Counter[str] = Counter()
+        self._waits: Counter[str] = Counter()
 
     def close(self, destroy: Callable[..., object]) -> None:
         """Give publishers back."""
@@ -31,21 +41,31 @@ class TurnGiver:
         """Take in what a node says of itself."""
         self._kept[name] = max(self._kept[name], published.get(kept_name(name), 0))
 
+    def ended(self, name: str, published: Mapping[str, int]) -> None:
+        """Take in what a node says when its turn is over."""
+        self._waits[name] = published.get(waits_name(name), 0)
+        self._flow.taken(name)
+
     def died(self, name: str) -> None:
         """A node has ended, and what it had kept with it."""
-        del self._kept[name], self._done[name]
+        del self._kept[name], self._done[name], self._waits[name]
 
-    def due(self) -> list[str]:
-        """Whose turn it is: of those who have something kept, all of the lowest rank."""
-        waiting = [name for name in self._publishers if self._kept[name] > self._done[name]]
+    def due(self, last: bool = False) -> list[str]:
+        """Whose turn it is: of those who have something to do, all of the lowest rank. last : lazy is nothing."""
+        waiting = [name for name in self._publishers if self._is_due(name, last)]
         lowest = min(map(_rank, waiting), default=0)
         return [name for name in waiting if _rank(name) == lowest]
+
+    def _is_due(self, name: str, last: bool) -> bool:
+        kept = self._kept[name] > self._done[name]
+        return kept or self._flow.due(name, () if last or self._waits[name] else self._lazy(name))
 
     def give(self, name: str) -> None:
         """Tell a node that it is its turn."""
         self._done[name] = self._kept[name]
         self._given[name] += 1
-        self._publishers[name].publish(Empty())
+        wanted = self._flow.give(name)
+        self._publishers[name].publish(Connections(inputs=[*wanted], received=[*wanted.values()]))
 
     def given(self, name: str) -> int:
         """How many turns it was given."""
