@@ -294,8 +294,18 @@ def first_look(a: Beams, b: Beams, pose: FloatArray) -> tuple[float, NDArray[np.
 
     The noise is a standard deviation, metres, 0.005 to 0.05.
     """
+    noise, labels, offs = _first_look(a.points, a.spacing, pose, b.xy, b.ranges, b.clear, b.angle_min, b.step)
+    return float(noise), labels, offs
+
+
+@njit(cache=True)
+def _first_look(points, spacing, pose, xy, ranges, clear, angle_min, step):  # type: ignore[no-untyped-def]
+    all_of_them = np.ones(len(points), dtype=np.bool_)
     # A little wider than where the label alone is asked for, which is answered without distances.
-    _, offs = sighted(a, b, pose, np.full(len(a), MOST_OFF), wide=1.01)
+    most = np.full(len(points), MOST_OFF)
+    _, offs = sightings(points, most, all_of_them, pose, xy, ranges, clear, angle_min, step, 1.01)
     agreeing = offs[offs <= MOST_OFF]
-    noise = float(np.clip(1.48 * np.median(agreeing), 0.005, 0.05)) if len(agreeing) >= 10 else 0.02
-    return noise, *seen_by(a, b, pose, noise)
+    noise = min(max(1.48 * np.median(agreeing), 0.005), 0.05) if len(agreeing) >= 10 else 0.02
+    near = np.maximum(max(NEAR, SIGMAS * noise), 0.3 * spacing)
+    labels, offs = sightings(points, near, all_of_them, pose, xy, ranges, clear, angle_min, step, WIDE)
+    return noise, labels, offs

@@ -10,6 +10,7 @@ import pytest
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.ros.turns import (
     GOALS,
+    RESTS,
     RESULTS,
     Turns,
     goal_id,
@@ -21,7 +22,7 @@ from whereabouts.nodes.ros.turns import (
 )
 from whereabouts.nodes.runtime.flow import MOST_LEFT, Flow
 from whereabouts.nodes.runtime.turn_giver import TurnGiver
-from whereabouts_msgs.msg import Connections
+from whereabouts_msgs.msg import Connections, Processed
 
 ACTION = "/verify_object"
 
@@ -33,7 +34,7 @@ class StandInInput:
         self.topic, self.handler, self.coming, self.waiting = topic, handler, 0, 0
         self.subscription = topic
         self.counts = SimpleNamespace(received=0)
-        self.ended = 0
+        self.ended = self.sequence = 0
 
     def take(self) -> bool:
         if not self.coming:
@@ -56,6 +57,7 @@ class TurningNode:
 
     def __init__(self) -> None:
         self.time = SimpleNamespace(clocks=SimpleNamespace(now=None))
+        self.subscriptions = ["/robot/turn", "/scan", "/tf", "/clock"]
         self.replayed = self.active = True
         self.executor = None
         self.inputs: list[StandInInput] = []
@@ -65,7 +67,7 @@ class TurningNode:
         self.turns = Turns(self)  # type: ignore[arg-type]
         self.turns.listen()
 
-    def add_input(self, kind: type, topic: str, handler: Any, **_: Any) -> StandInInput:
+    def add_input(self, kind: type, topic: str, handler: Any = None, **_: Any) -> StandInInput:
         self.inputs.append(StandInInput(topic, handler))
         return self.inputs[-1]
 
@@ -83,18 +85,27 @@ class TurningNode:
         self.defects.append(error)
 
 
-def test_what_is_kept_is_done_in_the_order_of_inputs_whatever_came_first() -> None:
+def test_what_is_kept_is_done_in_one_order_whatever_came_first() -> None:
     robot = TurningNode()
     done: list[int] = []
-    for rank in (RESULTS, 2, 0, GOALS, 2):
+    for rank in (RESULTS, GOALS, RESTS, RESULTS, GOALS):
         robot.turns.keep(rank, lambda rank=rank: done.append(rank))  # type: ignore[misc]
-    robot.turns.keep(1, lambda: [][0])
+    robot.turns.keep(RESULTS, lambda: [][0])
     assert robot.turns.counts[kept_name("/robot")] == 6
     robot.turn()
-    assert done == [0, 2, 2, GOALS, RESULTS]
+    assert done == [GOALS, GOALS, RESULTS, RESULTS, RESTS]
     assert isinstance(robot.defects[0], IndexError)
     robot.turn()
     assert len(done) == 5
+
+
+def test_what_is_kept_in_a_turn_is_done_in_it_and_gives_no_other() -> None:
+    robot, done = TurningNode(), list[str]()
+    scans = robot.add_input(object, "/scan", lambda: robot.turns.keep(RESTS, lambda: done.append("scan")))
+    scans.coming = 1
+    assert robot.turn(scan=1) == 1
+    assert done == ["scan"]
+    assert robot.turns.counts[kept_name("/robot")] == 0
 
 
 def test_who_rests_goes_on_in_a_turn_after_so_much_message_time() -> None:
@@ -123,24 +134,35 @@ def test_who_rests_goes_on_in_a_turn_after_so_much_message_time() -> None:
 def test_a_turn_ends_when_all_is_there_that_belongs_to_it_and_what_is_kept_comes_last() -> None:
     robot, done = TurningNode(), list[str]()
     robot.turn()
-    scans = robot.add_input(object, "/scan", lambda: robot.turns.keep(0, lambda: done.append("scan")))
     tf = robot.add_input(object, "/tf", lambda: done.append("tf"))
+    scans = robot.add_input(object, "/scan", lambda: done.append("scan"))
+    labels = robot.add_input(object, "/labels", lambda: done.append("label"))
     tf.coming = 3
-    assert robot.turn(scan=1, tf=2) == 1
+    labels.coming = 1
+    robot.turns.keep(GOALS, lambda: done.append("goal"))
+    assert robot.turn(scan=1, tf=2, labels=1) == 1
+    # The inputs have an order.
     assert done == 3 * ["tf"]
-    assert robot.turns.awake == ["/robot/turn", "/scan"]
+    assert robot.turns.resting == ["/tf", "/clock"]
     scans.coming = 1
     robot.turns.go_on()
-    assert done[3:] == ["scan"]
+    assert done[3:] == ["scan", "label", "goal"]
     assert robot.inputs[0].ended == 2
-    assert robot.turns.awake == ["/robot/turn"]
-    # What is kept in a turn is done in it: that is no reason for another one.
-    assert robot.turns.counts[kept_name("/robot")] == 0
+    assert robot.turns.resting == ["/scan", "/tf", "/clock"]
+    # What no turn names is taken in now and then.
+    clicks = robot.add_input(object, "/clicked_point")
+    clicks.coming = 1
+    robot.turn(scan=1)
+    assert clicks.coming == 1
+    robot.turns.look_around()
+    robot.turn(scan=1)
+    assert clicks.coming == 0
+    assert robot.turns.counts[kept_name("/robot")] == 1
     scans.waiting = 2
     assert robot.turns.counts[waits_name("/robot")] == 2
     # One that is not active leaves all where it is.
     robot.active, scans.coming = False, 1
-    assert robot.turn(scan=5) == 3
+    assert robot.turn(scan=5) == 5
     assert scans.coming == 1
 
 
@@ -183,6 +205,10 @@ def told(names: list[str], inputs: dict[str, list[str]]) -> tuple[TurnGiver, Flo
     return TurnGiver(node, names, flow, lambda name: {"/tf"}), flow, given
 
 
+def answer(giver: TurnGiver, name: str, number: int, topic: str = "turn", waits: int = 0) -> None:
+    giver.answered(name, Processed(topic=f"{name}/{topic}", sequence=number), {waits_name(name): waits})
+
+
 def test_turns_go_to_those_who_are_listened_to_first() -> None:
     names = ["/a/world_maintenance", "/world_model", "/shipped/world_model", "/scan_registration"]
     inputs = {names[0]: ["/world_state"], names[1]: ["/targets"], names[2]: ["/targets"]}
@@ -193,13 +219,18 @@ def test_turns_go_to_those_who_are_listened_to_first() -> None:
     assert giver.due() == names[1:3]
     for name in giver.due():
         giver.give(name)
-    assert giver.due() == names[:1]
+    assert giver.holding == giver.busy == set(names[1:3])
+    answer(giver, "/world_model", 1)
     giver.note("/world_model", {kept_name("/world_model"): 1})
+    assert giver.holding == giver.busy == {"/shipped/world_model"}
     assert giver.due() == ["/world_model"]
     giver.note("/scan_registration", {kept_name("/scan_registration"): 1})
     assert giver.due() == ["/scan_registration"]
     giver.died("/scan_registration")
     giver.give("/world_model")
+    # An answer to the turn before says nothing of this one.
+    answer(giver, "/world_model", 1)
+    assert "/world_model" in giver.busy
     giver.give("/a/world_maintenance")
     assert giver.due() == []
     assert given == [
@@ -208,7 +239,22 @@ def test_turns_go_to_those_who_are_listened_to_first() -> None:
         ("/world_model/turn", {}),
         ("/a/world_maintenance/turn", {"/world_state": 1}),
     ]
-    assert giver.given("/world_model") == 2
+
+
+def test_who_lets_go_keeps_nobody_waiting_but_is_waited_for_in_the_end() -> None:
+    giver, flow, _ = told(
+        ["/scan_registration", "/tracker"], {"/scan_registration": ["/scan"], "/tracker": ["/odometry"]}
+    )
+    flow.send("/scan")
+    giver.give("/scan_registration")
+    flow.send("/odometry")
+    answer(giver, "/scan_registration", 1, "free")
+    assert (giver.holding, giver.busy) == (set(), {"/scan_registration"})
+    assert giver.due() == ["/tracker"]
+    giver.give("/tracker")
+    answer(giver, "/scan_registration", 1)
+    giver.give_up("/tracker")
+    assert (giver.holding, giver.busy) == (set(), set())
 
 
 def test_transforms_give_no_turn_unless_somebody_waits_for_them_or_there_are_many() -> None:
@@ -221,11 +267,14 @@ def test_transforms_give_no_turn_unless_somebody_waits_for_them_or_there_are_man
     assert giver.due() == ["/verifier"]
     giver.give("/verifier")
     assert given[-1][1] == {"/tf": MOST_LEFT, "/scan": 1}
-    flow.send("/tf")
+    answer(giver, "/verifier", 1, waits=1)
     assert giver.due() == []
-    giver.ended("/verifier", {waits_name("/verifier"): 1})
+    flow.send("/tf")
     assert giver.due() == ["/verifier"]
-    giver.ended("/verifier", {waits_name("/verifier"): 0})
+    giver.give("/verifier")
+    answer(giver, "/verifier", 2)
     for _ in range(MOST_LEFT):
         flow.send("/tf")
+    assert giver.due() == []
+    flow.send("/tf")
     assert giver.due() == ["/verifier"]

@@ -66,10 +66,8 @@ class MotionPredictorNode(SuiteNode):
         settings = self.settings
         self._restart()
         self.listen_to_transforms(on_demand=True)
-        self.add_input(
-            TargetArray, "targets", self._take_targets, frames=self._frames, in_turn=True, qos=EVENTS
-        )
         self.add_input(OccupancyGrid, "map", self._take_map, qos=LATCHED, sensor=False)
+        self.add_input(TargetArray, "targets", self._take_targets, frames=self._frames, qos=EVENTS)
         self._obstacles = Obstacles()
         self._paths_output = self.add_output(PredictedPathArray, "predicted_paths")
         self._markers_output = self.add_output(MarkerArray, "~/markers")

@@ -81,11 +81,9 @@ class ObjectSearchNode(SuiteNode):
         self._search = ObjectSearch(self._relations, settings.search, settings.places)
         self._serial = 0
         self.listen_to_transforms(on_demand=True)
-        states = self.add_input(
-            StateMessage, "world_state", self._take_state, packed=True, in_turn=True, qos=HEARD_LATCHED
-        )
-        self._latest = LatestState(states.refuse)
         self.add_latched_input(GridMessage, "map", self._take_map)
+        states = self.add_input(StateMessage, "world_state", self._take_state, packed=True, qos=HEARD_LATCHED)
+        self._latest = LatestState(states.refuse)
         self._goal_output = self.add_output(PoseStamped, "search_goal", LATCHED)
         self._base_claim = BaseClaim(self)
         self._markers_output = self.add_output(MarkerArray, "search_markers")

@@ -174,6 +174,7 @@ class ScanRegistrationNode(SuiteNode):
             spatial_covariance(step_covariance),
             transform_points(level, self._odometry.static_points),
         )
+        self.turns.let_go()
         if seen is not None and self._segmenter is not None:
             seconds, pose = stamp / NANOSECONDS, self._odometry.pose
             labels = self._segmenter.segment(seen, seconds, pose, self._pace.left)

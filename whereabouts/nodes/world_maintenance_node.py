@@ -72,12 +72,10 @@ class WorldMaintenanceNode(SuiteNode):
         self._grid: OccupancyGrid | None = None
         self._available = True
         self.listen_to_transforms(on_demand=True)
-        states = self.add_input(
-            StateMessage, "world_state", self._take_state, packed=True, in_turn=True, qos=HEARD_LATCHED
-        )
-        self._latest = LatestState(states.refuse, lambda state: self._growth.observe(state))
         self.add_latched_input(GridMessage, "map", self._take_map)
-        self.add_latched_input(Bool, "base_available", self._take_available, in_turn=True)
+        states = self.add_input(StateMessage, "world_state", self._take_state, packed=True, qos=HEARD_LATCHED)
+        self._latest = LatestState(states.refuse, lambda state: self._growth.observe(state))
+        self.add_latched_input(Bool, "base_available", self._take_available)
         self._task_output = self.add_output(TaskMessage, "verification_tasks")
         self._goal_output = self.add_output(PoseStamped, "maintenance_goal", LATCHED)
         self._evidence_output = self.add_output(WorldEvidence, "evidence")

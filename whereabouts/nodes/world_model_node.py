@@ -83,18 +83,14 @@ class WorldModelNode(SuiteNode):
             "evidence",
             self._take_evidence,
             frames=self._seen.wanted,
-            in_turn=True,
             qos=EVENTS,
         )
         self.camera = CameraDoor(self, self._take_boxes, self._take_detections)
-        self.add_input(
-            TargetArray, "targets", self._take_targets, frames=self._seen.wanted, in_turn=True, qos=EVENTS
-        )
+        self.add_input(TargetArray, "targets", self._take_targets, frames=self._seen.wanted, qos=EVENTS)
         # A prediction reaches ahead: what it is made of may be older than what other inputs have brought.
         self.add_input(
-            PredictedPathArray, "predicted_paths", self._take_paths, frames=self._seen.wanted, sensor=False,
-            in_turn=True,
-        )  # fmt: skip
+            PredictedPathArray, "predicted_paths", self._take_paths, frames=self._seen.wanted, sensor=False
+        )
         self._output = WorldPublisher(self, self.map_frame, self._model.words)
         WorldServices(self)
 

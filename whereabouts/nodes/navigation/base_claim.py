@@ -16,7 +16,7 @@ class BaseClaim:
 
     def __init__(self, node: SuiteNode) -> None:
         self._output = node.add_output(Bool, "base_available", LATCHED)
-        node.add_latched_input(Bool, "base_available", self._take, in_turn=True)
+        node.add_latched_input(Bool, "base_available", self._take)
         self._own: list[bool] = []  # what this node has said and not heard yet
         self._held = False
         self.taken_by_others = False

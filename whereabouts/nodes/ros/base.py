@@ -97,7 +97,7 @@ class SuiteNode(LifecycleNode):
     def resting(self) -> list[Any]:
         """Subscriptions whose messages may lie about until something else wakes the node up."""
         if self.turns.on:
-            return [item for item in self.subscriptions if item not in self.turns.awake]
+            return self.turns.resting
         waits = any(item.waiting for item in self.inputs)
         return [
             item.subscription
@@ -108,7 +108,7 @@ class SuiteNode(LifecycleNode):
     @property
     def own(self) -> list[Any]:
         """Subscriptions whose messages are taken in when it is the node's turn."""
-        return [item.subscription for item in self.inputs] if self.turns.on else []
+        return self.turns.own if self.turns.on else []
 
     # What a node implements.
 
@@ -135,11 +135,9 @@ class SuiteNode(LifecycleNode):
         self.created.callback(self.destroy_subscription, item.subscription)
         return item
 
-    def add_latched_input(
-        self, message_type: type, topic: str, handler: Handler, in_turn: bool = False
-    ) -> Input:
+    def add_latched_input(self, message_type: type, topic: str, handler: Handler) -> Input:
         """Subscribe a state that is kept for those who come late, such as a map."""
-        return self.add_input(message_type, topic, handler, qos=HEARD_LATCHED, sensor=False, in_turn=in_turn)
+        return self.add_input(message_type, topic, handler, qos=HEARD_LATCHED, sensor=False)
 
     def add_action(
         self, action_type: type, name: str, execute: Callable[[Any], Coroutine[Any, Any, Any]]
@@ -324,7 +322,9 @@ class SuiteNode(LifecycleNode):
             self.get_logger().error("the supervisor is gone: ending")
             raise KeyboardInterrupt
         # In a replay only messages change what there is to go on with.
-        if not self.turns.on:
+        if self.turns.on:
+            self.turns.look_around()
+        else:
             self.serve_waiting()
         if self.active:
             self.time.mind_silence()
@@ -340,8 +340,6 @@ class SuiteNode(LifecycleNode):
             except InputError as error:
                 problem = error
         self.serve_waiting(reported=not any(item.on_demand and item.is_transforms for item in self.inputs))
-        for item in self.inputs:
-            item.transforms_came()
         if problem is not None:
             raise problem
 

@@ -8,7 +8,6 @@ import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -66,9 +65,9 @@ class Input:
         In a replay that gives turns everything lies about until it is the node's turn; see `Turns`.
     lazy : whether what comes on it gives the node no turn of its own: what is on demand, and transforms.
     companions : inputs that tell more about a message of theirs with the same stamp: in a replay it waits for that.
-    in_turn : whether a message is kept, in a lock-step replay, until it is the node's turn; see `Turns`.
     awaited : whether others wait for it also on a live robot, as its messages say where theirs were taken.
     packed : whether the handler is given a `Packed` message instead of the message itself.
+    sequence : the publisher's number of the last message.
     """
 
     def __init__(
@@ -84,11 +83,9 @@ class Input:
         on_demand: bool = False,
         packed: bool = False,
         companions: Sequence[Input] = (),
-        in_turn: bool = False,
         awaited: bool = False,
     ) -> None:
         self._node = node
-        self._in_turn = in_turn
         self.awaited = awaited
         self._companions = [item for item in companions if node.replayed or item.awaited]
         self._expected: bool | None = None
@@ -103,7 +100,7 @@ class Input:
         self.is_transforms = message_type is TFMessage
         self._latched = qos is not None and qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         self.lazy = on_demand or (self.is_transforms and not self._latched)
-        self._sequence = self._told_lost = 0
+        self.sequence = self._told_lost = 0
         self._waiting: list[Waiting] = []  # oldest stamp first
         self._time: SourceClock[None] = SourceClock()
         self._admitted = 0.0  # when the last message was let in
@@ -130,7 +127,7 @@ class Input:
     def _receive(self, message: Any, info: dict[str, Any]) -> None:
         arrived = self._node.time.heard_at = time.perf_counter()
         self.counts.received += 1
-        self._sequence = sequence = int(info.get("publication_sequence_number") or 0)
+        self.sequence = sequence = int(info.get("publication_sequence_number") or 0)
         if self._sensor and not self.on_demand:
             if self.gaps.one_publisher is None:
                 self.watch_publishers()
@@ -152,11 +149,7 @@ class Input:
             # Not every middleware tells when it received a message.
             received = 0 if self.on_demand else int(info.get("received_timestamp") or 0)
             queued = max(0, time.time_ns() - received) / NANOSECONDS if received else 0.0
-            waiting = Waiting(message, stamp, arrived - queued)
-            if self._kept:
-                self._keep(partial(self._guarded, waiting))
-            else:
-                self._within_budget(waiting)
+            self._within_budget(Waiting(message, stamp, arrived - queued))
         self._done(stamp)
 
     def take(self) -> bool:
@@ -189,13 +182,6 @@ class Input:
         if self._shed is not None and not self._purse.over(time.perf_counter()):
             kept, self._shed = self._shed, None
             self._within_budget(kept)
-
-    @property
-    def _kept(self) -> bool:
-        return self._in_turn and self._node.turns.on
-
-    def _keep(self, work: Callable[[], None]) -> None:
-        self._node.turns.keep(self._node.inputs.index(self), work)
 
     def _guarded(self, waiting: Waiting) -> None:
         try:
@@ -275,18 +261,6 @@ class Input:
         """How many messages wait for their transforms."""
         return len(self._waiting)
 
-    def companion_came(self) -> None:
-        """Go on with what waits for it, or when it is the node's turn."""
-        if self._kept:
-            self.transforms_came()
-        else:
-            self.serve_waiting()
-
-    def transforms_came(self) -> None:
-        """Go on with what waits when it is the node's turn, if that is how it is."""
-        if self._kept and self._waiting:
-            self._keep(partial(self.serve_waiting, reported=True))
-
     def serve_waiting(self, reported: bool = False, give_up: bool = False) -> None:
         """Handle messages whose transforms have come, and drop those that time has left behind.
 
@@ -294,7 +268,7 @@ class Input:
 
         reported : whether the caller is about to say what the node has published. give_up : nothing more will come.
         """
-        if not self._waiting or (self._kept and not (self._node.turns.taken or give_up)):
+        if not self._waiting:
             return
         timeout = round(self._node.settings.transform_timeout * NANOSECONDS)
         missing: set[Pairs] = set()
@@ -367,7 +341,7 @@ class Input:
         message = Processed(
             stamp=time_message(stamp),
             topic=self.topic,
-            sequence=self._sequence,
+            sequence=self.sequence,
             received=self.counts.received,
             dropped=self.counts.dropped,
             lost=self._lost,

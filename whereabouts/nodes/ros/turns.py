@@ -2,9 +2,9 @@
 
 Messages lie about. A turn tells how many of each topic, by their publishers' word, the node is to have taken in, and
 wakes it up once for all of them. The replay gives turns in the order of `RANKS`, those who are listened to first. What
-several nodes of a rank say reaches a further one in any order: such inputs (`in_turn`), goals and results of actions,
-and coroutines that rest are kept until all is there. Kept things, goals and results are counted like messages, under
-names that no topic has.
+several nodes of a rank say reaches a further one in any order: it takes its inputs in the order in which it has made
+them. Goals and results of actions, and coroutines that rest, are kept until all messages are there. Kept things, goals
+and results are counted like messages, under names that no topic has.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from whereabouts.nodes.ros.base import SuiteNode
     from whereabouts.nodes.ros.inputs import Input
 
-# Who is listened to has its turn first; nodes of one rank say nothing to each other but what is kept.
+# Who is listened to has its turn first.
 RANKS = {
     "target_tracker": 1, "loop_closure": 1, "motion_predictor": 2, "verifier": 2, "world_model": 2,
     "world_maintenance": 3, "object_search": 3,
 }  # fmt: skip
-# What is kept is done in the order of inputs, then goals, results, and coroutines that have rested.
-GOALS, RESULTS, RESTS = 1000, 1001, 1002
+# What is kept is done in this order.
+GOALS, RESULTS, RESTS = range(3)
 MARK = 8  # bytes of a goal's id that tell who sent it
 # Listeners that an output has at least that no topic stands for.
 ENOUGH = 1 << 16
@@ -53,6 +53,11 @@ def kept_name(node: str) -> str:
 def waits_name(node: str) -> str:
     """Under which a node says how much waits for transforms or for time to go on."""
     return f"{node}/waits"
+
+
+def free_topic(node: str) -> str:
+    """Under which a node says in its turn that others need not wait for the end of it."""
+    return f"{node}/free"
 
 
 def goals_name(action: str) -> str:
@@ -89,8 +94,8 @@ class _Rest:
 class Turns:
     """What one node keeps.
 
-    on : whether there is a replay that gives turns. taken : whether it does what was kept just now. received, sent :
-    goals and results, by name.
+    on : whether there is a replay that gives turns. received, sent : goals and results, by name. own, resting :
+    subscriptions of the node's inputs; those that wake nobody up.
     """
 
     def __init__(self, node: SuiteNode) -> None:
@@ -106,9 +111,11 @@ class Turns:
         self._kept: list[tuple[int, int, Callable[[], None]]] = []
         self._number = self._count = 0
         self._rests: list[_Rest] = []
-        self.taken = False
         self._wanted: dict[str, int] | None = None
-        self._missing: list[Input] = []
+        self._missing: Input | None = None
+        self._around = False
+        self.own: list[Any] = []
+        self.resting: list[Any] = []
         self._busy = False
 
     def listen(self) -> None:
@@ -125,10 +132,12 @@ class Turns:
         waiting = len(self._rests) + sum(item.waiting for item in self._node.inputs)
         return {kept_name(name): self._count, waits_name(name): waiting, **self.sent}
 
-    @property
-    def awake(self) -> list[Any]:
-        """Subscriptions that the node waits for."""
-        return [item.subscription for item in (self._input, *self._missing)]
+    def _rest(self, missing: Input | None) -> None:
+        """Wait for the next turn, or for what is missing of this one."""
+        self._missing = missing
+        awake = [item.subscription for item in (self._input, missing) if item is not None]
+        self.own = [item.subscription for item in self._node.inputs]
+        self.resting = [item for item in self._node.subscriptions if item not in awake]
 
     def listeners(self, name: str) -> int:
         """How many have been found that take what is put out under a name."""
@@ -141,8 +150,10 @@ class Turns:
         self._count += not self._busy
 
     def take(self, message: Connections, _stamp: int) -> None:
-        """It is the node's turn: take in all there is, and so many of each topic in all."""
-        self.on = True
+        """It is the node's turn: so many messages of these topics there have been; none are named where all may be."""
+        if not self.on:
+            self.on = True
+            self._rest(None)
         self._wanted = dict(zip(message.inputs, message.received, strict=True))
 
     def go_on(self) -> None:
@@ -155,34 +166,49 @@ class Turns:
                 if self._wanted is None or self._lacks(self._wanted):
                     return
                 self._do_kept()
-            self._wanted, self._missing = None, []
+            elif self._missing is not None:
+                self._rest(None)
+            self._wanted = None
         finally:
             self._busy = False
         self._input.acknowledge(self._node.time.clocks.now or 0)
 
     def _lacks(self, wanted: Mapping[str, int]) -> bool:
-        """Take in what lies about; whether some of what is wanted, by topic, is still to come."""
-        self._missing = []
+        """Take in what lies about, input by input; whether some of what is wanted, by topic, is still to come."""
+        missing = None
         for item in self._node.inputs:
-            while item is not self._input and item.take():
-                pass
-            item.tell_loss()
-            if item.counts.received < wanted.get(item.topic, 0):
-                self._missing.append(item)
+            if item is not self._input and (item.topic in wanted or self._around or not wanted):
+                while item.take():
+                    pass
+                item.tell_loss()
+                if item.counts.received < wanted.get(item.topic, 0):
+                    missing = item
+                    break
+        if missing is not self._missing:
+            self._rest(missing)
+        self._around &= missing is not None
         to_come = any(count < wanted.get(name, 0) for name, count in self.received.items())
-        return to_come or bool(self._missing)
+        return to_come or missing is not None
+
+    def look_around(self) -> None:
+        """Take in at the next turn what others say than the replay and its nodes, too: somebody at a screen."""
+        self._around = True
 
     def _do_kept(self) -> None:
-        self.taken = True
         kept, self._kept = sorted(self._kept, key=lambda item: item[:2]), []
         for _, _, work in kept:
             try:
                 work()
             except Exception as error:
                 self._node.report_defect("turn", error)
-        self.taken = False
         # What was kept because of it is for another turn.
         self._count += bool(self._kept)
+
+    def let_go(self) -> None:
+        """What others wait for has been said: they may have their turns while this one goes on."""
+        if self._busy:
+            topic = free_topic(self._node.get_fully_qualified_name())
+            self._node.account.acknowledge(Processed(topic=topic, sequence=self._input.sequence))
 
     # Coroutines.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,7 +20,7 @@ from whereabouts.nodes.ros.qos import reliable
 from whereabouts.nodes.ros.turns import turn_topic
 from whereabouts.nodes.runtime.audience import Audience
 from whereabouts.nodes.runtime.flow import Flow
-from whereabouts.nodes.runtime.turn_giver import TurnGiver
+from whereabouts.nodes.runtime.turn_giver import TurnGiver, rank
 from whereabouts_msgs.msg import Processed
 
 DEPTH = 200
@@ -87,9 +87,9 @@ class Replayer:
 
     bag : a file, or messages that are made as they are sent: what they tell may then depend on what the nodes said.
     node, executor : a node of the caller's to publish with, and what spins it.
-    rate : multiple of the recorded speed; None for lock-step, in which the next message is sent when every watched
-        node that listens to the one before has had its turn with it, and then those that listen to what these have
-        said; see `Turns`.
+    rate : multiple of the recorded speed; None for lock-step, in which the messages of the next moment are sent when
+        every watched node that listens to those before has had its turn with them, and then those that listen to what
+        these have said; see `Turns`.
     watched : full names of the nodes to wait for.
     namespace : put before the recorded topic names that have it not.
     is_running : whether a watched node's process is alive, so that nobody waits for a dead one.
@@ -114,6 +114,8 @@ class Replayer:
         self._namespace = namespace.rstrip("/")
         self._is_running = is_running
         self._log: MessageLog = open_raw(bag) if isinstance(bag, Path) else bag
+        # What is made as it is sent may depend on what follows from the message before.
+        self._together = rate is None and isinstance(bag, Path)
         self._publishers: dict[str, Any] = {}
         self._latched: set[str] = set()
         self._answers: dict[tuple[str, str], Processed] = {}
@@ -155,8 +157,7 @@ class Replayer:
             self._answers[watched, message.topic] = message
             published = dict(zip(message.output_topics, message.output_counts, strict=True))
             self._take_counts(watched, {message.topic: message.received}, published)
-            if message.topic == turn_topic(watched) and message.sequence == self._turns.given(watched):
-                self._turns.ended(watched, published)
+            self._turns.answered(watched, message, published)
 
         return self._node.create_subscription(
             Processed,
@@ -197,14 +198,17 @@ class Replayer:
         """Send everything; returns when the watched nodes are done with it."""
         started = time.monotonic()
         first: int | None = None
-        for message in self._messages():
-            first = message.log_time if first is None else first
-            self.now = message.log_time
-            self._wait_until_due(started, message.log_time - first)
-            self._send(message)
+        for moment in self._moments():
+            self.now = moment[0].log_time
+            first = self.now if first is None else first
+            self._wait_until_due(started, self.now - first)
+            for message in moment:
+                self._send(message)
+            self._give_turns()
             if on_message is not None:
-                on_message(message)
-            if self._noted and self._rate is None:
+                for message in moment:
+                    on_message(message)
+            if self._noted:
                 self._noted = False
                 self._give_turns()
             self.on_settled()
@@ -216,10 +220,31 @@ class Replayer:
         self.account.deaf = self._audience.deaf(self._flow.total)
         return self.account
 
-    def _messages(self) -> Iterator[RawMessage]:
+    def _moments(self) -> Iterator[list[RawMessage]]:
+        """Messages one by one; in lock-step those of a recording that belong together, together: they are of the same
+        moment, of different topics, and the same nodes are the first to have a turn because of them."""
+        moment: list[RawMessage] = []
         for message in self._log:
-            if message.name in self._publishers:
-                yield message
+            if message.name not in self._publishers:
+                continue
+            if moment and not (self._together and self._belongs(message, moment)):
+                yield moment
+                moment = []
+            moment.append(message)
+            if not self._together:
+                yield moment
+                moment = []
+        if moment:
+            yield moment
+
+    def _belongs(self, message: RawMessage, moment: list[RawMessage]) -> bool:
+        names = [other.name for other in moment]
+        ranks = {
+            min(map(rank, nodes))
+            for name in (*names, message.name)
+            if (nodes := self._audience.listeners(self._name(name)))
+        }
+        return message.log_time == moment[0].log_time and message.name not in names and len(ranks) < 2
 
     def _wait_until_due(self, started: float, offset: int) -> None:
         if self._rate is None:
@@ -235,8 +260,6 @@ class Replayer:
         self._publishers[message.name].publish(bytes(message.data))
         self._flow.send(self._name(message.name))
         self.account.published[message.name] += 1
-        if self._rate is None:
-            self._give_turns()
 
     def note(self, name: str) -> None:
         """Somebody else is about to send a message or a goal (by its name) that the nodes have to be done with."""
@@ -244,38 +267,33 @@ class Replayer:
         self._noted = True
 
     def _give_turns(self, last: bool = False) -> None:
-        """Let nodes do what there is to do, until nobody has anything. last : nothing may lie about any longer."""
-        while due := self._turns.due(last):
+        """In lock-step let nodes do what there is to do. last : nothing may lie about any longer."""
+        turns = self._turns
+        while (due := turns.due(last)) or turns.busy:
             for name in due:
-                self._turns.give(name)
-            self._wait_while(lambda due=due: self._in_turn(due))  # type: ignore[misc]
-
-    def _in_turn(self, names: Sequence[str]) -> list[str]:
-        """Who of these is not done with his turn."""
-        return [name for name in names if self._answered(name, turn_topic(name)) < self._turns.given(name)]
+                turns.give(name)
+            self._wait_while(turns.holding if due else turns.busy)
 
     def begin_turns(self) -> None:
         """Tell all nodes that there are turns, and wait until they know and have taken in all they have so far."""
         self.nodes_changed()
-        takers = [name for name in self.watched if turn_topic(name) in self._audience.inputs.get(name, ())]
+        takers = {name for name in self.watched if turn_topic(name) in self._audience.inputs.get(name, ())}
         deadline, again = time.monotonic() + PATIENCE, 0.0
-        waiting = takers if self._rate is None else []
+        waiting = takers if self._rate is None else set()
         while waiting and time.monotonic() < deadline:
             if time.monotonic() >= again:
                 for name in waiting:
                     self._turns.give(name)
                 again = time.monotonic() + AGAIN
             self._executor.spin_once(timeout_sec=0.05)
-            waiting = self._in_turn(waiting)
+            waiting &= self._turns.busy
 
-    def _wait_while(self, behind: Callable[[], list[str]]) -> None:
-        """Until nobody is behind any more."""
-        waiting = behind()
+    def _wait_while(self, waiting: Set[str]) -> None:
+        """Until nobody is waited for any more."""
         now = time.monotonic()
         deadline, care = now + PATIENCE, now + CARE_PERIOD
         while waiting and now < deadline:
             self._executor.spin_once(timeout_sec=CARE_PERIOD)
-            waiting = behind()
             now = time.monotonic()
             if waiting and now >= care:
                 care = now + CARE_PERIOD
@@ -283,12 +301,8 @@ class Replayer:
                     break
         # One died or hangs: the message counts as unanswered.
         self.account.unanswered.update(waiting)
-        for name in waiting:
-            self._flow.begin(name)
-
-    def _answered(self, node: str, name: str) -> int:
-        answer = self._answers.get((node, name))
-        return 0 if answer is None else int(answer.sequence)
+        for name in tuple(waiting):
+            self._turns.give_up(name)
 
     def sent_by_nodes(self, topic: str) -> int:
         """Messages that the watched nodes have reported to have published on a topic."""

@@ -69,7 +69,7 @@ class CameraDoor:
             kind, topic, self._take_depth, sensor=False, packed=not self.from_scan, awaited=True
         )
         # Detections come after the image they are of, but a depth image may take longer to be registered to it.
-        given: dict[str, Any] = {"frames": self._frames, "companions": [self._depth], "in_turn": True}
+        given: dict[str, Any] = {"frames": self._frames, "companions": [self._depth]}
         self._detections = [
             node.add_input(Detection3DArray, "detections", take_detections, **given),
             node.add_input(Detection2DArray, "detections_2d", take_boxes, **given),
@@ -100,7 +100,7 @@ class CameraDoor:
         # A depth image stays packed; a scan is of no camera.
         self.cameras.keep(stamp, message, "" if self.from_scan else frame_name(message.frame))
         for item in self._detections:
-            item.companion_came()
+            item.serve_waiting()
 
     def lens_of(self, message: Any, of_image: bool) -> tuple[str, CameraModel] | None:
         """The camera that detections are of, with its frame; None where nobody says. Raises InputError."""

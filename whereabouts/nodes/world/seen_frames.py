@@ -31,7 +31,7 @@ class SeenFrames:
         self._node, self._map = node, map_frame
         self.pose: tuple[int, Array] | None = None
         # An old pose is no jump of time: localisation says it again when somebody asks.
-        node.add_input(PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False, in_turn=True)
+        node.add_input(PoseWithCovarianceStamped, "robot_pose", self._take_pose, sensor=False)
 
     def wanted(self, message: Any) -> list[tuple[str, str]]:
         """What tf must know about a message."""
