@@ -1,7 +1,7 @@
 """Where something may be that is no longer where it was, and that nobody has found again yet.
 
 It was put somewhere else, or taken out of the house: what it did when it left that place before, at about this time of
-day, says which; against a place speaks a look at it since.
+day, says which. The longer it is not found, though all places are looked at by turns, the more probably it is out.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from world_model.state import BELIEVED, DAY, PERSON, most_probable
 WEEKS = 28 * DAY  # s: of the history that says where things go
 OUT = 2.0 * FOUND_AFTER  # s: what was found no sooner was out of the house, as far as anybody could tell
 ANY_HOUR = 0.05  # What counts a move at another time of day
-PRIOR = 0.15  # Moves out of the house, and to any place at all, that are taken to be known of anything
+PRIOR_PLACES, PRIOR_OUT = 0.35, 0.15  # What is taken to be known of where anything goes, in moves
 SHORTEST, LONGEST = 120.0, 6 * 3600.0  # s: of a round of looks
 
 
@@ -46,15 +46,15 @@ class Elsewhere:
 def elsewhere(world: Recall, line: Timeline) -> Elsewhere:
     """Where an object is that was not found where it was; `line` has at least its last stay."""
     last = line.stays[-1]
-    return _weighed(world, line.id, last.place, last.until, min(last.left_by or world.now, world.now))
+    return _weighed(world, line.id, last.place, min(last.left_by or world.now, world.now))
 
 
 @remembered
-def _weighed(world: Recall, name: str, was: str, until: float, left_by: float) -> Elsewhere:
+def _weighed(world: Recall, name: str, was: str, left_by: float) -> Elsewhere:
     furniture = [place.name for place in world.places if place.kind != "room"]
     others = [place for place in furniture or [place.name for place in world.places] if place != was]
-    votes = dict.fromkeys(others, PRIOR / max(len(others), 1))
-    out = PRIOR
+    votes = dict.fromkeys(others, PRIOR_PLACES / max(len(others), 1))
+    out = PRIOR_OUT
     for before, after in pairwise(weeks_of(world, name).stays):
         left = before.left_by or after.since
         if before.place != was:
@@ -63,17 +63,10 @@ def _weighed(world: Recall, name: str, was: str, until: float, left_by: float) -
             out += _same_hour(left, left_by)
         elif after.place:  # also where it was: it had been overlooked
             votes[after.place] = votes.get(after.place, 0.0) + _same_hour(left, left_by)
-    around, looked = _looks(world)
-    for place in votes:
-        if place == was:  # it may have been overlooked until the next look there
-            votes[place] *= math.exp(-2.0 * (world.now - left_by) / around)
-        elif place in looked:
-            came = (left_by - looked[place]) / max(left_by - until, 1e-6)
-            votes[place] *= min(max(came, 0.0), 1.0)  # that it came there after that look
-        else:
-            votes[place] *= max(1.0 - max(world.now - left_by, 0.0) / around, 0.0)
-    total = sum(votes.values()) + out
-    return Elsewhere({place: p / total for place, p in votes.items() if p > 1e-3 * total}, out / total)
+    unnoticed = math.exp(-(world.now - left_by) / _round_of_looks(world))
+    total = unnoticed * sum(votes.values()) + out
+    chances = {place: unnoticed * weight / total for place, weight in votes.items()}
+    return Elsewhere({place: p for place, p in chances.items() if p > 1e-3}, out / total)
 
 
 def _same_hour(then: float, stamp: float) -> float:
@@ -84,13 +77,14 @@ def _same_hour(then: float, stamp: float) -> float:
     return ANY_HOUR + math.exp(-0.5 * min(apart, 24 - apart) ** 2)
 
 
-def _looks(world: Recall) -> tuple[float, dict[str, float]]:
-    """How long a round of looks takes, s, and when each place was looked at last, as what rests there says."""
+@remembered
+def _round_of_looks(world: Recall) -> float:
+    """How long a round of looks at all places takes, s, as what rests there says."""
     seen: dict[str, float] = {}
     for item in world.present.values():
         if not item.lost and item.existence >= BELIEVED and item.most_probable("class") != PERSON:
             [place] = world.words(item.position[None])
-            seen[place] = max(seen.get(place, -math.inf), item.last_seen)
+            seen[place] = max(seen.get(place, 0.0), item.last_seen)
     ages = [world.now - stamp for stamp in seen.values()]
     longest = max((age for age in ages if age <= LONGEST), default=0.0)
-    return float(np.clip(longest * (1.0 + 1.0 / max(len(ages), 1)), SHORTEST, LONGEST)), seen
+    return float(np.clip(longest * (1.0 + 1.0 / max(len(ages), 1)), SHORTEST, LONGEST))
