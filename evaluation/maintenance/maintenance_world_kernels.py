@@ -14,10 +14,10 @@ from numba import njit
 
 from evaluation.maintenance.printed_kernels import best_as_printed
 from world_model.tasks.maintenance_kernels import shortest_way, straight_stop
-from world_model.tasks.maintenance_options import NEARER, TOUR, TWO_LOOKS
+from world_model.tasks.maintenance_options import NEARER, TOUR
 
 # mypy: disable-error-code="no-untyped-def"
-SECOND_LOOK = math.log(2.0) + TWO_LOOKS  # nat
+SECOND_LOOK = math.log(2.0)  # nat: what the second of two looks in a row brings at most
 HERE = 1e-6  # m
 
 

@@ -20,7 +20,7 @@ from world_model.state import BELIEVED, DAY, PERSON, most_probable
 WEEKS = 28 * DAY  # s: of the history that says where things go
 OUT = 2.0 * FOUND_AFTER  # s: what was found no sooner was out of the house, as far as anybody could tell
 ANY_HOUR = 0.05  # What counts a move at another time of day
-PRIOR = 0.15  # Moves out of the house, and to any place at all, that are taken to be known of anything
+PRIOR_PLACES, PRIOR_OUT = 0.35, 0.15  # What is taken to be known of where anything goes, in moves
 SHORTEST, LONGEST = 120.0, 6 * 3600.0  # s: of a round of looks
 
 
@@ -53,8 +53,8 @@ def elsewhere(world: Recall, line: Timeline) -> Elsewhere:
 def _weighed(world: Recall, name: str, was: str, left_by: float) -> Elsewhere:
     furniture = [place.name for place in world.places if place.kind != "room"]
     others = [place for place in furniture or [place.name for place in world.places] if place != was]
-    votes = dict.fromkeys(others, PRIOR / max(len(others), 1))
-    out = PRIOR
+    votes = dict.fromkeys(others, PRIOR_PLACES / max(len(others), 1))
+    out = PRIOR_OUT
     for before, after in pairwise(weeks_of(world, name).stays):
         left = before.left_by or after.since
         if before.place != was:

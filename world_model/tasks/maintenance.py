@@ -27,7 +27,7 @@ from world_model.state import OUTCOMES, WorldObject, WorldState
 from world_model.tasks.looks import Looks, Sensor, looks_at
 from world_model.tasks.maintenance_config import MaintenanceConfig
 from world_model.tasks.maintenance_kernels import single_gains
-from world_model.tasks.maintenance_options import TOUR, TWO_LOOKS, Options, View, looked_at_now, options, tour
+from world_model.tasks.maintenance_options import TOUR, Options, View, looked_at_now, options, tour
 from world_model.tasks.ways import Ways
 
 __all__ = ["Maintenance", "MaintenanceConfig", "Trigger", "VerificationTask"]
@@ -315,7 +315,7 @@ class Maintenance:
     @staticmethod
     def _second_look(looks: Looks) -> float:
         """Two looks in a row bring at most the logarithm of two per axis; half of it each."""
-        return 0.5 * looks.dimensions * math.log(2.0) + TWO_LOOKS
+        return 0.5 * looks.dimensions * math.log(2.0)
 
     def _task(self, looks: Looks, found: Options, at: int, reason: str) -> VerificationTask:
         k = int(found.items[at])

@@ -18,7 +18,6 @@ from world_model.tasks.ways import Ways
 NEARER = 0.6  # of the stand-off after each look that was in vain
 EXACT = 64  # actions that are looked ahead for; of more, those that promise most
 TOUR = 10  # objects on a tour at most: the shortest way through more takes too long to find
-TWO_LOOKS = 0.1  # nat above what the second of two looks in a row brings: an object that was just seen
 View = float | Mapping[str, Any] | Callable[[FloatArray], bool]
 IntArray = npt.NDArray[np.int64]
 
