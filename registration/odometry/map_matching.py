@@ -168,7 +168,7 @@ class MapMatcher:
         Against it are map outline that this scan saw through and its own where the last scan did.
         """
         pose, surface = refined.pose, scan.surface
-        agreement = weigh(surface, self.map.target, NOTHING_SEEN, pose)
+        agreement = weigh(surface, self.map.target, NOTHING_SEEN, pose, 0.1)
         against = SPACING * float(np.count_nonzero(self.map.seen_through(scan.view, pose, CLEAR)))
         odd = agreement.labels != 0
         points = transform_points(pose, surface.points[odd])
