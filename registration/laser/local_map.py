@@ -180,7 +180,7 @@ class LineMap:
         """Fuse a scan taken at `pose` (3,) after `travelled` metres."""
         if len(view.ranges) > 2 and self._count:
             self._all.hits[: self._count][self.seen_through(view, pose)] -= 2.0
-        self._prune(pose, travelled, len(surface))
+        self._prune(pose, travelled)
         self._count = int(
             _insert(
                 surface.feet, surface.normals, surface.tilt, pose, travelled, self._all, self._heads,
@@ -188,14 +188,14 @@ class LineMap:
             )
         )  # fmt: skip
 
-    def _prune(self, pose: FloatArray, travelled: float, new: int) -> None:
-        """Drop what is far or old; where there is no room for `new` elements, what is nearer or younger as well."""
+    def _prune(self, pose: FloatArray, travelled: float) -> None:
+        # When there is no room left, what has not been seen for longest goes first.
         memory = self.memory
         radius = self.radius
         while True:
             self._count = int(_keep(self._all, self._count, pose[0], pose[1], radius, travelled - memory))
-            if not self._count or self._count + new <= CAPACITY:
+            if self._count < 0.8 * CAPACITY:
                 break
-            memory, radius = 0.5 * memory, 0.5 * radius
+            memory, radius = 0.7 * memory, 0.9 * radius
         # Elements move by fusing, and out of their cell: chained anew each time.
         fill(self.points, self._all.normals, 0.0, self._heads, self._following)

@@ -18,8 +18,7 @@ from registration.placement.correlative import ROUGH, candidates
 from registration.placement.refine import NO_PRIOR, Refined, lead, refine
 
 # Set on csail, an endless corridor and simulated floors, scans at a rate and a metre apart.
-# Metres of agreeing outline that tell one nat, as they are right or wrong together; 0.5 and 1 m do about the same.
-WORTH = 0.7
+WORTH = 0.7  # metres of agreeing outline that tell one nat
 # Metres of agreeing outline that one metre outweighs of which the map knows nothing, and one that is contradicted.
 UNKNOWN, AGAINST = 0.33, 2.0
 TAIL = 2.0  # degrees of freedom of predictions' errors: how often they are many deviations off
@@ -27,7 +26,9 @@ ACCEPT = -3.0  # nat, odds from which on a placement is believed
 SURE = 0.5  # share of the best odds any placement of a scan can have from which on none other is looked for
 NEAR_SEARCH = (1.2, math.radians(70.0))  # metres, radians
 WIDE_SEARCH = (2.8, math.pi)
-HELD = 1.0  # nat against a placement from which on wheels either hold the scan or are wrong
+HELD = 1.0  # nat against a placement from which on wheels are asked to hold the scan
+# Metres of outline whose points go wrong together, as they are of one wall; 1 m does about the same.
+PIECE = 0.5
 GROSS = 14.0  # nat, one in a million: how rarely wheels err as no covariance tells; 20 does the same
 SIGHT = 15.0  # metres around the prediction a search looks at
 CLEAR = SIGMAS * DOUBT  # metres a sensor stands off the plane of a line that it can see through
@@ -129,7 +130,7 @@ class MapMatcher:
     def led(self, match: Match, scan: PreparedScan, other: FloatArray) -> float:
         """By how many nat lines make a match likelier than another pose (3,)."""
         more = lead(scan.surface, self.map.target, match.refined, other, self._tolerance)
-        return more * match.agreement.agreeing / WORTH
+        return more * match.agreement.agreeing / PIECE
 
     def _laid(
         self,
@@ -168,7 +169,7 @@ class MapMatcher:
         Against it are map outline that this scan saw through and its own where the last scan did.
         """
         pose, surface = refined.pose, scan.surface
-        agreement = weigh(surface, self.map.target, NOTHING_SEEN, pose)
+        agreement = weigh(surface, self.map.target, NOTHING_SEEN, pose, 0.1)
         against = SPACING * float(np.count_nonzero(self.map.seen_through(scan.view, pose, CLEAR)))
         odd = agreement.labels != 0
         points = transform_points(pose, surface.points[odd])

@@ -24,11 +24,11 @@ from registration.laser.scan import Scan
 from registration.laser.surface import Surface, scan_surface
 from registration.laser.sweep import beam_shares
 from registration.odometry.habit import Habit
-from registration.odometry.map_matching import HELD, MapMatcher, Match, Prediction
+from registration.odometry.map_matching import GROSS, MapMatcher, Match, Prediction
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
-from registration.odometry.wheel_doubt import WheelDoubt, prediction_covariance
+from registration.odometry.wheel_doubt import REFUTED, WheelDoubt, prediction_covariance
 from registration.placement.influence import borrowed
 from registration.placement.refine import EFFICIENCY, Refined
 
@@ -127,7 +127,7 @@ class ScanTracker:
         match = self._matcher.find(prepared, expected, self._sure)
         if not match.believable:
             return self._stray(prepared, motion, expected, match)
-        return self._accept(prepared, motion, expected, match)
+        return self._accept(prepared, motion, guess is not None, match)
 
     def _expected(self, motion: FloatArray, wheels: bool) -> Prediction:
         """Where a motion leads, and how surely: the less, the longer the map has been lost.
@@ -211,24 +211,26 @@ class ScanTracker:
             self.map.clear()
         return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
 
-    def _accept(self, scan: PreparedScan, motion: FloatArray, expected: Prediction, match: Match) -> Step:
-        before, refined, wheels = self.pose, match.refined, expected.prior
+    def _accept(self, scan: PreparedScan, motion: FloatArray, wheels: bool, match: Match) -> Step:
+        before, refined = self.pose, match.refined
         found_before = not self._lost
         self._lost = 0
         if not found_before:
             self._spare.map.clear()
-        doubt = in_frame(prediction_covariance(motion), -float(before[2]))
+        doubt = loose = in_frame(prediction_covariance(motion), -float(before[2]))
         refined = self._owning(refined, scan.surface)
-        self.pose = refined.pose
-        if wheels is not None:
+        if wheels:
             doubt = self._wheel_covariance(motion)
-            self.pose = fused(refined, wheels[0], self._believed(expected, refined.pose))
+            start = compound(before, motion)
+            self.pose = fused(refined, start, doubt, loose, self._matcher.led(match, scan, start))
             if not refined.open_directions and match.sure:
                 self._wheels.learn(motion, between(before, refined.pose))
+        else:
+            self.pose = refined.pose
         increment = between(before, self.pose)
-        if wheels is None and found_before and match.sure and not refined.open_directions:
+        if not wheels and found_before and match.sure and not refined.open_directions:
             self._habit.learn(increment, self._last)
-        self._last = FADE * increment if refined.open_directions and wheels is None else increment
+        self._last = FADE * increment if refined.open_directions and not wheels else increment
         self._travelled += float(np.hypot(*increment[:2]))
         noise = scan_covariance(refined, doubt)
         covariance = in_frame(noise + self._noise, float(before[2]))
@@ -251,12 +253,6 @@ class ScanTracker:
             reason = f"{opened}: the prediction is kept there"
         return Step(increment, covariance, sure, reason, match.share, static, drift, noise)
 
-    def _believed(self, expected: Prediction, pose: FloatArray) -> FloatArray:
-        """Information (3, 3) of wheels, as lines have the scan at `pose` (3,): refuted, that of any prediction."""
-        if expected.prior is not None and expected.against(pose) < HELD:
-            return expected.prior[1]
-        return np.asarray(EFFICIENCY * np.linalg.inv(expected.covariance))
-
     def _owning(self, refined: Refined, surface: Surface) -> Refined:
         """With less information where it hangs on one small piece, which may be a person who walks."""
         doubt = borrowed(refined, surface, self.map.target, self.config.tolerance, self.config.doubt**2)
@@ -277,11 +273,32 @@ def in_frame(covariance: FloatArray, yaw: float) -> FloatArray:
     return np.asarray(turn @ covariance @ turn.T)
 
 
-def fused(refined: Refined, expected: FloatArray, information: FloatArray) -> FloatArray:
-    """Pose (3,) from lines and from where wheels lead, `expected` (3,), each as far as it is sure."""
-    away = refined.pose - expected
+def fused(
+    refined: Refined, start: FloatArray, wheels: FloatArray, loose: FloatArray, more: float
+) -> FloatArray:
+    """Pose (3,) from lines and from where wheels lead, `start` (3,), each as far as it is sure.
+
+    Where a corridor tells little of the way along it, scans alone slide by metres into what looks alike. Along a single
+    wall the noise of the map's lines seems to tell the way, in every scan the same; and a wall that comes into view may
+    be taken for another. Where wheels explain a scan better, lines count for as much as they do tell.
+
+    wheels : (3, 3) covariance of `start`. loose : the same where lines refute the wheels. more : nat by which lines
+    make `refined` likelier than `start`.
+    """
+    information = refined.information / EFFICIENCY
+    away = refined.pose - start
     away[2] = wrap_angle(away[2])
-    pose = expected + np.linalg.solve(refined.information + information, refined.information @ away)
+    prior = np.linalg.inv(wheels)
+    # How far the two are apart, in what both are uncertain of together.
+    apart = float(away @ information @ np.linalg.inv(np.eye(3) + wheels @ information) @ away)
+    if more < min(0.5 * apart, GROSS):
+        along = information @ away
+        seems = max(float(away @ along), 1e-12)
+        told = min(max(2.0 * more, 0.0), seems)
+        information = information - (1.0 - told / seems) * np.outer(along, along) / seems
+    elif apart > REFUTED:
+        prior = np.linalg.inv(loose)
+    pose = start + np.linalg.solve(information + prior, information @ away)
     pose[2] = wrap_angle(pose[2])
     return np.asarray(pose)
 

@@ -10,6 +10,7 @@ from estimation.geometry.poses import wrap_angle
 SHARE = 0.2  # of a motion that any prediction of it may be off by
 # Set on simulated floors of 3.5 m sight, where 25 to 100 scans and 9 to 25 do about the same.
 MEMORY = 50  # scans over which it is learned
+REFUTED = 16.0  # squared deviations from which on wheels were wrong, not just inexact
 
 
 def prediction_covariance(motion: FloatArray) -> FloatArray:

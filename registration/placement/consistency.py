@@ -22,19 +22,18 @@ from registration.laser.submap import CELL, Submap
 from registration.laser.surface import Surface
 from registration.laser.target_lines import TargetLines, any_near
 
-NEAR = 0.1  # metres between points that agree
 DOUBT = 0.04  # metres, standard deviation of a point of one scan in the frame of another laid on it
 
 
 @njit(cache=True)
 def _weigh(  # type: ignore[no-untyped-def]
-    points, spacing, pose, target, heads, following, ranges, angle_min, step, labels
+    points, spacing, pose, target, heads, following, ranges, angle_min, step, near, labels
 ):
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(points)):
         x = pose[0] + c * points[k, 0] - s * points[k, 1]
         y = pose[1] + s * points[k, 0] + c * points[k, 1]
-        reach = max(NEAR, min(0.75 * spacing[k], 0.4))
+        reach = max(near, min(0.75 * spacing[k], 0.4))
         if any_near(x, y, reach, target, heads, following):
             labels[k] = 0
         elif look(x, y, DOUBT, ranges, angle_min, step) == THROUGH:
@@ -66,12 +65,17 @@ class Agreement:
         return self.agreeing / max(self.length, 1e-9)
 
 
-def weigh(source: Surface, target: TargetLines, seen: ScanView, pose: FloatArray) -> Agreement:
-    """Outline of `source`, at `pose` (3,) in the target frame, against the target and what its sensor saw."""
+def weigh(
+    source: Surface, target: TargetLines, seen: ScanView, pose: FloatArray, near: float = 0.06
+) -> Agreement:
+    """Outline of `source`, at `pose` (3,) in the target frame, against the target and what its sensor saw.
+
+    near : metres between points that agree.
+    """
     labels = np.empty(len(source), dtype=np.int64)
     _weigh(
         source.points, source.spacing, pose, target.points, target.heads, target.following, seen.ranges,
-        seen.angle_min, seen.step, labels,
+        seen.angle_min, seen.step, near, labels,
     )  # fmt: skip
     unknown, agreeing, standing = np.bincount(labels + 1, source.length, 3).tolist()
     return Agreement(agreeing, standing, unknown, labels)
