@@ -62,12 +62,11 @@ UNSEEN = KINDS.index("unseen")
 class Person(Target):
     """A tracked target with its class.
 
-    person : probability that it is one. told : whether it is reported as one. occluded : hidden now, kept by
-    prediction. last_seen : stamp, s. label_probability : that it is who had the label before he was out of sight.
+    person : probability that it is one. occluded : hidden now, kept by prediction. last_seen : stamp, s.
+    label_probability : that it is who had the label before he was out of sight.
     """
 
     person: float = 1.0
-    told: bool = True
     label_probability: float = 1.0
     occluded: bool = False
     last_seen: float = 0.0
@@ -328,15 +327,13 @@ class PeopleTracker:
 
     def _person(self, target: Target, person: float) -> Person | None:
         """A target with its class; None where nobody knows any more where it is."""
-        evidence, config = self.evidence[target.label], self.config
-        # Who turns round or stands long shows less of what he was known by, and is a person still.
-        evidence.told = person > (0.5 * config.report if evidence.told else config.report)
-        if math.sqrt(0.5 * (target.covariance[0, 0] + target.covariance[1, 1])) >= config.located:
+        evidence = self.evidence[target.label]
+        if math.sqrt(0.5 * (target.covariance[0, 0] + target.covariance[1, 1])) >= self.config.located:
             return None
         known = vars(target) | self._located(target) | {"rate": evidence.returns}
         last = evidence.last_seen
         occluded = last < float(self.stamp or 0.0)
-        return Person(**known, person=person, told=evidence.told, occluded=occluded, last_seen=last)
+        return Person(**known, person=person, occluded=occluded, last_seen=last)
 
     def _newcomer(self, place: FloatArray, whose: IntArray, seen: ClusterScan) -> ClassEvidence:
         """What is known of a target before it is looked at: where it is (2,), and who it may be."""
@@ -371,7 +368,7 @@ class PeopleTracker:
         return {"mean": mean, "covariance": P}
 
     def _people(self) -> list[Person]:
-        return [target for target in self.targets if target.told]
+        return [target for target in self.targets if target.person > self.config.report]
 
 
 def _looks(seen: ClusterScan, dt: float) -> ReturnLooks:
