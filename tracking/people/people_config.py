@@ -29,9 +29,7 @@ class PeopleConfig:
         0.98, "", "probability that what is in plain view gives a cluster of returns", 0.1, 0.999
     )
     memory: float = setting(30.0, "s", "mean time after which somebody out of sight has gone", 0.5, 600.0)
-    report: float = setting(
-        0.6, "", "a person is reported from this probability on, and then down to half of it", 0.05, 0.99
-    )
+    report: float = setting(0.5, "", "a person is reported from this probability on", 0.05, 0.99)
     located: float = setting(
         1.0, "m", "somebody hidden is reported while the deviation of the place is smaller", 0.1, 20.0
     )

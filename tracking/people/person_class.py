@@ -69,7 +69,7 @@ class ClassEvidence:
 
     origin (2,) : where it was first, m. unseen : share of it where nobody had looked by then. before : who it may be
     that was known before. own : probability that it is a person by its own looks,
-    from `SHORT` on, and of any newcomer there before. told : whether it is told of as a person. last_seen : stamp, s.
+    from `SHORT` on, and of any newcomer there before. last_seen : stamp, s.
     looks : s it was seen for. means (len(AVERAGED),); squares (2,) : means of width² and shape². pairs (3,) : seconds
     with two clusters, and their gap and gap² by them. place, spread : means of where its clusters were and of that
     squared, m from the origin and m². now, fresh, returns : of the last half second. behind (2,) : where it was a
@@ -82,7 +82,6 @@ class ClassEvidence:
     unseen: float = 0.0
     before: Origin | None = None
     own: float = 1.0
-    told: bool = False
     last_seen: float = 0.0
     looks: float = 0.0
     means: FloatArray = field(default_factory=lambda: np.zeros(len(AVERAGED)))
