@@ -21,7 +21,7 @@ from registration.laser.prepared import PreparedScan, prepare
 from registration.laser.scan import Scan
 from registration.placement.classic import CLASSIC
 from registration.placement.consistency import Agreement, weigh
-from registration.placement.correlative import ROUGH, candidates
+from registration.placement.correlative import Wanted, candidates
 from registration.placement.judgement import LENIENT, STRICT, Asked, judged
 from registration.placement.refine import Refined, refine
 from registration.result import Registration
@@ -30,6 +30,8 @@ METHODS = ("robust", "icp", "point_to_line", "ndt")
 CLOUDS = {"robust": align_clouds, "ndt": align_clouds_ndt}
 REACH = 0.8  # metres around the guess that are searched
 TURN = np.deg2rad(50.0)  # radians around the guess that are searched
+CANDIDATES = 3
+SEARCHED = 64  # points of the source that are searched with
 
 Views = tuple[Agreement, Agreement]
 
@@ -110,8 +112,11 @@ def best_of(
     moving: PreparedScan, still: PreparedScan, start: FloatArray, reach: float, turn: float
 ) -> tuple[Refined | None, FloatArray, Views | None]:
     """Best of the candidates of `search`, `start` and how the outlines see each other then: not judged yet."""
-    found = candidates(moving.surface.points, still.surface.points, start, reach, turn)
-    refined = (refine(moving.surface, still.target, candidate[1:].copy(), ROUGH) for candidate in found)
+    found = candidates(
+        moving.surface.points, still.surface.points, start, reach, turn,
+        wanted=Wanted(most=CANDIDATES, points=SEARCHED),
+    )  # fmt: skip
+    refined = (refine(moving.surface, still.target, candidate[1:].copy(), 0.15) for candidate in found)
     best = ranked(moving, still, refined)
     if not best:
         return None, start, None
