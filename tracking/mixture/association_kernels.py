@@ -186,9 +186,9 @@ def _share_out(problem: Problem, K: int, centres: Any, gate: float) -> float:
                 top = max(top, log)
         whole = 0.0
         for b in range(count):
-            shares[b] = math.exp(logs[b] - top) if logs[b] > top - 30.0 else 0.0
+            shares[b] = math.exp(logs[b] - top)
             whole += shares[b]
-        left = math.exp(clutter - top) if clutter > top - 30.0 else 0.0
+        left = math.exp(clutter - top)
         whole += left
         # Of each share its logarithm is known but for that of the whole.
         log_whole = top + math.log(whole)
@@ -290,11 +290,11 @@ def evaluate(problem: Problem, on: Any, cells: Any, centres: Any, started: Any, 
 def _divide(cell: Any, way: float, parent: Any, child: Any) -> None:
     """Centres (2,) of two halves of a cell along its longer axis."""
     xx, xy, yy = cell[SXX] / cell[N], cell[SXY] / cell[N], cell[SYY] / cell[N]
-    root = math.sqrt(max(0.25 * (xx - yy) ** 2 + xy * xy, 0.0))
-    length = 0.5 * (xx + yy) + root
+    length = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
-    # Halves of a Gaussian have their means at 0.8 standard deviations.
-    x, y = 0.8 * way * math.sqrt(length) * math.cos(angle), 0.8 * way * math.sqrt(length) * math.sin(angle)
+    # Where the halves of a Gaussian have their means.
+    away = way * math.sqrt(2.0 / math.pi * length)
+    x, y = away * math.cos(angle), away * math.sin(angle)
     parent[0], parent[1] = cell[ZX] + x, cell[ZY] + y
     child[0], child[1] = cell[ZX] - x, cell[ZY] - y
 

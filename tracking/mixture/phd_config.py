@@ -15,18 +15,20 @@ Birth = tuple[float, FloatArray, FloatArray]
 FILTERS = ("mixture", "phd", "gmphd")
 OCCLUDERS = ("bodies", "bearings")
 PARTITIONERS = ("distance", "kmeans", "all", "single")
+# Table 1: weights; where targets are born, m along both axes; deviations, m and m/s.
+BIRTH_WEIGHT, SPAWN_WEIGHT, BIRTH_PLACE = 0.1, 0.05, 250.0
+BIRTH_DEVIATIONS, SPAWN_DEVIATIONS = (10.0, 10.0, 5.0, 5.0), (10.0, 10.0, 20.0, 20.0)
 
 
 def _default_births() -> list[Birth]:
     """The two birth components of (17)."""
-    covariance = np.diag([100.0, 100.0, 25.0, 25.0])
-    mean = np.array([250.0, 250.0, 0.0, 0.0])
-    return [(0.1, mean, covariance), (0.1, -mean, covariance)]
+    mean = BIRTH_PLACE * np.array([1.0, 1.0, 0.0, 0.0])
+    return [(BIRTH_WEIGHT, side * mean, np.diag(np.square(BIRTH_DEVIATIONS))) for side in (1.0, -1.0)]
 
 
 def _default_spawn() -> tuple[float, FloatArray]:
     """Weight and covariance of (18)."""
-    return 0.05, np.diag([100.0, 100.0, 400.0, 400.0])
+    return SPAWN_WEIGHT, np.diag(np.square(SPAWN_DEVIATIONS))
 
 
 @dataclass

@@ -16,7 +16,7 @@ _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 @njit(cache=True)
 def _normal(x: float) -> float:
     """Distribution function of the standard normal."""
-    return 0.5 * math.erfc(-x * 0.7071067811865476)
+    return 0.5 * math.erfc(-x * math.sqrt(0.5))
 
 
 @njit(cache=True)
@@ -100,7 +100,7 @@ def _in_reach(sensor: Any, r: float, angle: float, away: float, body: float) -> 
         blocked = 0.0
         for side in range(-1, 2):
             wall = _wall(sensor.walls, sensor.pose[0], sensor.pose[1], angle + side * math.sqrt(body))
-            blocked += (0.5 if side == 0 else 0.25) * _normal((r - wall) / away)
+            blocked += 0.5 / (1 + abs(side)) * _normal((r - wall) / away)
         seen *= 1.0 - blocked
     return seen
 

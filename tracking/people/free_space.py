@@ -18,7 +18,9 @@ from tracking.people.people_sweep import Sweep
 
 NOBODY: FloatArray = np.zeros((0, 2))
 CELL, REACH = 0.1, 15.0  # m, edge of a cell, and how far the grid reaches around the sensor
+STEP = 0.7  # cells from one place of a beam to the next
 DELAY, MEMORY = 1.0, 20.0  # s, before a scan counts, and of the counts
+KNOWN = 5.0  # scans after which a cell is known
 
 
 class Background:
@@ -65,7 +67,7 @@ class Background:
             ends = old[:, :2] + old[:, 4:5] * old[:, 2:4]
             gaps = np.linalg.norm(ends[:, None] - people[None], axis=2)
             old[gaps.min(axis=1, initial=np.inf) < near, 5] = 0.0
-            dt = 0.1 if self._last is None else min(max(then - self._last, 0.0), 1.0)
+            dt = 0.0 if self._last is None else min(max(then - self._last, 0.0), 1.0)
             self._last = then
             keep = math.exp(-dt / MEMORY)
             self._scans += 1
@@ -93,9 +95,9 @@ def _insert(counts, owner, seen, scan, rays, cell, reach, keep):  # type: ignore
         for k in range(len(rays)):
             x, y, c, s, clear = rays[k, 0], rays[k, 1], rays[k, 2], rays[k, 3], rays[k, 4]
             # A cell before the return the beam is not sure to have been in the open.
-            steps = int((min(clear, reach) - cell) / (0.7 * cell)) if empty else int(rays[k, 5])
+            steps = int((min(clear, reach) - cell) / (STEP * cell)) if empty else int(rays[k, 5])
             for step in range(1, steps + 1):
-                along = step * 0.7 * cell if empty else clear
+                along = step * STEP * cell if empty else clear
                 i, j = math.floor((x + c * along) / cell), math.floor((y + s * along) / cell)
                 a, b = i & mask, j & mask
                 # Rays reach less than half way round the torus: what this scan saw is no other place.
@@ -117,8 +119,7 @@ def _evidence(counts, owner, points, slack, cell):  # type: ignore[no-untyped-de
     size = owner.shape[0]
     for k in range(len(points)):
         i, j = math.floor(points[k, 0] / cell), math.floor(points[k, 1] / cell)
-        # What is known no better than this could be anywhere, and looking there takes for ever.
-        rings = math.ceil(min(max(slack[k] / cell, 1.0), size / 8.0))
+        rings = math.ceil(max(slack[k] / cell, 1.0))
         empty, most, looked = 0.0, 0.0, 0.0
         for di in range(-rings, rings + 1):
             for dj in range(-rings, rings + 1):
@@ -132,8 +133,8 @@ def _evidence(counts, owner, points, slack, cell):  # type: ignore[no-untyped-de
                     most = max(most, (hits / (hits + passes)) * min(1.0, hits / 4.0))
                 if di == 0 and dj == 0:
                     empty = passes
-        share = min(1.0, empty / 5.0)
+        share = min(1.0, empty / KNOWN)
         fresh[k] = share * max(0.0, 1.0 - most / 0.08)
         old[k] = min(1.0, most / 0.5)
-        unseen[k] = max(0.0, 1.0 - looked / 5.0)
+        unseen[k] = max(0.0, 1.0 - looked / KNOWN)
     return fresh, old, unseen

@@ -170,7 +170,7 @@ def _shape(x, y, mx, my, width, row):  # type: ignore[no-untyped-def]
         xx += (x[i] - mx) ** 2 / n
         xy += (x[i] - mx) * (y[i] - my) / n
         yy += (y[i] - my) ** 2 / n
-    half = math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+    half = math.hypot(0.5 * (xx - yy), xy)
     big, small = 0.5 * (xx + yy) + half, max(0.5 * (xx + yy) - half, 0.0)
     row[4] = math.sqrt(small / max(big, 1e-8))
     # How far the middle stands out of the chord towards the sensor, in widths.

@@ -18,7 +18,7 @@ from estimation.checks import FloatArray, as_finite, as_shape
 from estimation.conversion.uncertain_frame import state_through_uncertain_pose
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
-from estimation.geometry.poses import between, compound, inverse, transform_points
+from estimation.geometry.poses import compound, inverse, transform_points
 from registration.laser.own_body import OwnBody
 from registration.laser.range_noise import RangeNoise
 from registration.laser.scan import Scan
@@ -29,7 +29,7 @@ from tracking.mixture.phd_models import Detection
 from tracking.mixture.pmbm import PmbmRecursion
 from tracking.mixture.target import Target
 from tracking.people.cluster_model import KINDS, SHAPE, ClusterScan, ScanDetection, StandingOrWalking
-from tracking.people.free_space import Background
+from tracking.people.free_space import DELAY, Background
 from tracking.people.identity import ReturningPeople
 from tracking.people.legs import clusters_of
 from tracking.people.people_config import PeopleConfig
@@ -52,14 +52,12 @@ BELONGS = 0.45  # m from a target to the clusters that tell its class
 # one: legs pass each other, people do not. Set on people who walk among pillars, seed 500.
 LEGS, STRIDES = 0.3, 1.0
 NEIGHBOURS = 1.0  # m between the legs of one person at most
-HELD = 1.0  # s without a guessed pose after which the surroundings are known: as late as they are entered
 # How probably a frame jumps, learned over s from how often it did; and how far from where a target should be its
 # cluster is, m, but for a share that is not found at all.
 JUMPS, LEARNED = 0.001, 30.0
 FOUND, UNFOUND = 0.15, 0.0001
 GAP = 0.5  # s after a scan, or twice the time before it, from which the stamp of the next may be wrong
 UNSEEN = KINDS.index("unseen")
-LEAST_JUMP = 0.05  # m, or twice the radians, that a pose must change by to have jumped
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ class PeopleTracker:
             births=[],
             spawn=None,
             scan_period=PERIOD,
-            distance_probabilities=(0.3, LINK),
+            distance_probabilities=(0.0, LINK),
             max_hypotheses=HYPOTHESES,
             hypothesis_margin=MARGIN,
         )
@@ -168,7 +166,7 @@ class PeopleTracker:
         if dt is None:
             return self._people()
         self._held = self._held + dt if pose_known else 0.0
-        if self._held < HELD:
+        if self._held < DELAY:
             self.background.clear()
         sweep = Sweep.of(scan, place, self._pose, dt)
         own = self._own.mask(scan, place)
@@ -251,10 +249,9 @@ class PeopleTracker:
         before = self._pose
         if before is None:
             return False
-        step = between(before, pose)
         sure = [target for target in self.targets if target.last_seen == self.stamp]
         self._jumps += min(dt / LEARNED, 1.0) * (JUMPS - self._jumps)
-        if np.hypot(step[0], step[1]) + 2.0 * abs(step[2]) < LEAST_JUMP or not sure:
+        if not sure:
             return False
         shift = compound(pose, inverse(before))
         spots = np.array([target.mean[:2] + dt * target.mean[2:] for target in sure])
@@ -308,7 +305,7 @@ class PeopleTracker:
         )
         nearest = gaps.argmin(0) if len(found) else np.zeros(len(seen.places), dtype=int)
         stamp = float(self.stamp or 0.0)
-        view = ScanLook(seen, rows_of(seen), pose, dt, stamp, self._held >= HELD)
+        view = ScanLook(seen, rows_of(seen), pose, dt, stamp, self._held >= DELAY)
         nearer = nearest == np.arange(len(found))[:, None]
         around = ((gaps < 1.5) & ~nearer).sum(1).tolist()
         mine = [row.nonzero()[0] for row in nearer & (gaps < BELONGS)]
@@ -326,14 +323,18 @@ class PeopleTracker:
         odds += self._known_before(found)
         people = expit(odds).tolist()
         self.recursion.classify({target.label: p for target, p in zip(found, people, strict=True)})
-        self.targets = []
-        for target, person in zip(found, people, strict=True):
-            last = self.evidence[target.label].last_seen
-            deviation = math.sqrt(0.5 * (target.covariance[0, 0] + target.covariance[1, 1]))
-            if deviation < self.config.located:
-                known = vars(target) | self._located(target)
-                known["rate"] = self.evidence[target.label].returns
-                self.targets.append(Person(**known, person=person, occluded=last < stamp, last_seen=last))
+        persons = [self._person(target, p) for target, p in zip(found, people, strict=True)]
+        self.targets = [person for person in persons if person is not None]
+
+    def _person(self, target: Target, person: float) -> Person | None:
+        """A target with its class; None where nobody knows any more where it is."""
+        evidence = self.evidence[target.label]
+        if math.sqrt(0.5 * (target.covariance[0, 0] + target.covariance[1, 1])) >= self.config.located:
+            return None
+        known = vars(target) | self._located(target) | {"rate": evidence.returns}
+        last = evidence.last_seen
+        occluded = last < float(self.stamp or 0.0)
+        return Person(**known, person=person, occluded=occluded, last_seen=last)
 
     def _newcomer(self, place: FloatArray, whose: IntArray, seen: ClusterScan) -> ClassEvidence:
         """What is known of a target before it is looked at: where it is (2,), and who it may be."""

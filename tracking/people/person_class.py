@@ -19,11 +19,11 @@ from estimation.checks import FloatArray
 from estimation.geometry.poses import compound, transform_points
 from estimation.learning.gradient_boosting import GradientBoosting
 from tracking.mixture.target import Target
+from tracking.people.cluster_model import WALKS, ClusterScan
 from tracking.people.legs import FEATURES
 
 if TYPE_CHECKING:
     from tracking.mixture.components import IntArray
-    from tracking.people.cluster_model import ClusterScan
     from tracking.people.identity import Origin
 
 MODEL = "person_class.json"
@@ -42,9 +42,8 @@ COURSE = (
 )  # fmt: skip
 NAMES = (*AVERAGED, *VARYING, *COURSE)
 SHAPE, WIDTH = AVERAGED.index("shape"), AVERAGED.index("width")
-FIRST = 0.5  # s in which it shows whether something stands where it was empty before
-SHORT, LONG = 0.5, 1.5  # s over which what is seen now, and walking, are averaged
-STRIDES = 0.3  # m/s by which whoever walks is off where he was `LONG` ago, by its time
+# s over which what is seen now, and walking, are averaged; in the first it shows whether it stands where it was empty.
+SHORT, LONG = 0.5, 1.5
 LONGEST, FARTHEST, VIEWS = 20.0, 5.0, 20  # s, m and sides beyond which a target is no better known
 _CLUSTER = [
     FEATURES.index(name)
@@ -94,8 +93,8 @@ class ClassEvidence:
     now: float = 0.0
     fresh: float = 0.0
     pair: float = 0.0
-    best: float = -9.0
-    worst: float = 9.0
+    best: float = -math.inf
+    worst: float = math.inf
     arrived: float = 0.0
     stood: float = 0.0
     behind: FloatArray = field(default_factory=lambda: np.zeros(2))
@@ -139,7 +138,7 @@ class ClassEvidence:
             gap = math.hypot(ax - bx, ay - by)
             self.pairs += dt * np.array([1.0, gap, gap * gap])
         self.pair = float(not one)
-        if self.looks < FIRST:
+        if self.looks < SHORT:
             self.arrived += whole * (fresh - self.arrived)
             self.stood += whole * (old - self.stood)
         share = 1.0 - math.exp(-dt / SHORT) if self.looks > 0.0 else 1.0
@@ -182,7 +181,7 @@ class ClassEvidence:
         self.behind[1] += share * dy
         self.drift = math.hypot(dx, dy) / LONG
         self.fast = max(self.fast, self.drift)
-        self.walked += dt * float(self.drift > STRIDES) * fresh
+        self.walked += dt * float(self.drift > WALKS) * fresh
 
     def features(self, target: Target) -> list[float]:
         """What the class is learned from, one number for each of `NAMES`."""
