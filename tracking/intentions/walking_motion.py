@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri
 
 from estimation.checks import FloatArray
 
@@ -67,7 +68,7 @@ def estimate(rows: FloatArray, memory: float, manoeuvre: float) -> WalkingMotion
         recent = rows[-2:]
     measured, rate = _noise(recent), (len(recent) - 1) / (last[2] - recent[0, 2])
     noise = max(measured, LEAST)
-    fade = memory * np.sqrt(noise / 0.02) * (2.5 / rate) ** 0.25
+    fade = memory * np.sqrt(noise / LEAST) * (2.5 / rate) ** 0.25
     t = recent[:, 2] - last[2]
     weights = np.exp(2.0 * t / fade)
     weights /= weights.sum()
@@ -95,5 +96,5 @@ def _noise(rows: FloatArray) -> float:
     share = ((at[:, 2] - before[:, 2]) / (after[:, 2] - before[:, 2]))[:, None]
     off = at[:, :2] - (before[:, :2] + share * (after - before)[:, :2])
     scaled = off / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
-    # The median of a squared standard normal is 0.455.
-    return float(np.sqrt(np.median(scaled**2) / 0.455))
+    # The median of a squared standard normal is that of χ² with one degree of freedom.
+    return float(np.sqrt(np.median(scaled**2) / chdtri(1, 0.5)))

@@ -17,6 +17,7 @@ from estimation.checks import FloatArray, require_positive
 from estimation.filters import kalman
 
 PIXEL = 0.0247  # m
+NUDGE = 1e-5  # m and m/s, of a difference
 H = np.eye(2, 4)
 Acceleration = Callable[[FloatArray], FloatArray]
 
@@ -78,9 +79,9 @@ def step(x: FloatArray, a: FloatArray, dt: float) -> FloatArray:
 def jacobian(x: FloatArray, acceleration: Acceleration, dt: float) -> FloatArray:
     """∂(4.13)/∂x (4, 4), forces included, by central differences."""
     columns = []
-    for e in 1e-5 * np.eye(4):
+    for e in NUDGE * np.eye(4):
         ahead, behind = (step(at, acceleration(at), dt) for at in (x + e, x - e))
-        columns.append((ahead - behind) / 2e-5)
+        columns.append((ahead - behind) / (2.0 * NUDGE))
     return np.stack(columns, axis=1)
 
 
