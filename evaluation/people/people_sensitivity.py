@@ -23,16 +23,13 @@ FACTORS = (0.7, 1.4)
 SETTINGS = ("acceleration", "leg_noise", "detection_probability", "memory", "report", "located")
 NUMBERS: tuple[tuple[Any, str], ...] = (
     (people, "OPPOSITE"),
-    (people, "EXACTER"),
     (people, "CLUSTERS"),
-    (people, "SPEED"),
     (people, "MARGIN"),
     (people, "BELONGS"),
     (people, "LEGS"),
     (people, "STRIDES"),
     (people, "JUMPS"),
     (people, "LEARNED"),
-    (people, "FOUND"),
     (people, "UNFOUND"),
     (cluster_model, "SHAPE"),
     (cluster_model, "WALKS"),
