@@ -92,7 +92,7 @@ def test_what_is_behind_something_is_not_seen() -> None:
     spots = np.array([[3.0, 0.0], [1.0, 0.0], [3.0, 2.0], [-1.0, 0.0], [11.5, 0.0]])
     small = np.tile(1e-6 * np.eye(2), (5, 1, 1))
     shares, _ = seen_shares(scan_of(ranges), spots, small, 10.0)
-    assert shares.shape == (5, 13)
+    assert shares.shape == (5, len(WEIGHTS))
     assert np.allclose(shares[:, 0], [0.0, 1.0, 1.0, 0.0, 0.0])
     # It changes little by little as somebody goes behind it.
     way = np.column_stack((np.full(60, 3.0), np.linspace(1.5, 0.0, 60)))
