@@ -37,7 +37,7 @@ Prior = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
-class Prediction:
+class ExpectedPose:
     """Where a scan is expected.
 
     pose : (3,). covariance : (3, 3) of it, map frame. prior : it with the information that wheels give, if any.
@@ -103,7 +103,7 @@ class MapMatcher:
         """Remember what the last registered scan saw through."""
         self._view, self._view_pose = view, pose
 
-    def find(self, scan: PreparedScan, expected: Prediction, last: FloatArray) -> Match:
+    def find(self, scan: PreparedScan, expected: ExpectedPose, last: FloatArray) -> Match:
         """The best match there is.
 
         last : (3,) where the sensor was last sure to be, which is searched around where all else fails.
@@ -123,7 +123,7 @@ class MapMatcher:
             best = farther if farther.believable else best
         return best
 
-    def kept(self, scan: PreparedScan, expected: Prediction, match: Match) -> Match:
+    def kept(self, scan: PreparedScan, expected: ExpectedPose, match: Match) -> Match:
         """The prediction as it is, in the place of `match`."""
         return self._judged(scan, expected, replace(match.refined, pose=expected.pose))
 
@@ -135,7 +135,7 @@ class MapMatcher:
     def _laid(
         self,
         scan: PreparedScan,
-        expected: Prediction,
+        expected: ExpectedPose,
         start: FloatArray,
         doubt: float,
         prior: Prior = NO_PRIOR,
@@ -146,7 +146,7 @@ class MapMatcher:
     def _search(
         self,
         scan: PreparedScan,
-        expected: Prediction,
+        expected: ExpectedPose,
         around: FloatArray,
         window: tuple[float, float],
     ) -> list[Match]:
@@ -163,7 +163,7 @@ class MapMatcher:
             found.append(match)
         return found
 
-    def _judged(self, scan: PreparedScan, expected: Prediction, refined: Refined) -> Match:
+    def _judged(self, scan: PreparedScan, expected: ExpectedPose, refined: Refined) -> Match:
         """With its odds: what of the scan's outline agrees, less what does not, less how far it is from where expected.
 
         Against it are map outline that this scan saw through and its own where the last scan did.

@@ -24,7 +24,7 @@ from registration.laser.scan import Scan
 from registration.laser.surface import Surface, scan_surface
 from registration.laser.sweep import beam_shares
 from registration.odometry.habit import Habit
-from registration.odometry.map_matching import GROSS, MapMatcher, Match, Prediction
+from registration.odometry.map_matching import GROSS, ExpectedPose, MapMatcher, Match
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.odometry_step import Step
 from registration.odometry.range_offset import RangeOffset
@@ -129,7 +129,7 @@ class ScanTracker:
             return self._stray(prepared, motion, expected, match)
         return self._accept(prepared, motion, guess is not None, match)
 
-    def _expected(self, motion: FloatArray, wheels: bool) -> Prediction:
+    def _expected(self, motion: FloatArray, wheels: bool) -> ExpectedPose:
         """Where a motion leads, and how surely: the less, the longer the map has been lost.
 
         Wheels err as any prediction where they stall or jump, however good they have been; what they hold is a prior.
@@ -140,7 +140,7 @@ class ScanTracker:
             prior = pose, np.asarray(np.linalg.inv(self._wheel_covariance(motion) / EFFICIENCY))
         else:
             doubt = doubt + self._habit.doubt
-        return Prediction(pose, in_frame((1.0 + self._lost) * doubt, -float(self.pose[2])), prior)
+        return ExpectedPose(pose, in_frame((1.0 + self._lost) * doubt, -float(self.pose[2])), prior)
 
     def _wheel_covariance(self, motion: FloatArray) -> FloatArray:
         """(3, 3) of where a motion leads that wheels tell of, odometry frame."""
@@ -161,7 +161,7 @@ class ScanTracker:
         increment = np.zeros(3) if first else motion
         return Step(increment, doubt, not reason, reason, 0.0 if reason else 1.0, static, doubt)
 
-    def _stray(self, scan: PreparedScan, motion: FloatArray, expected: Prediction, match: Match) -> Step:
+    def _stray(self, scan: PreparedScan, motion: FloatArray, expected: ExpectedPose, match: Match) -> Step:
         """A scan that is nowhere in the map: laid on those since the map was lost, else where it probably is.
 
         match : the best there is in the map.

@@ -8,7 +8,7 @@ import pytest
 from estimation.geometry.poses import between
 from registration.laser.local_map import LineMap
 from registration.laser.prepared import PreparedScan, prepare_scan
-from registration.odometry.map_matching import MapMatcher, Prediction
+from registration.odometry.map_matching import ExpectedPose, MapMatcher
 from whereabouts.simulation import Lidar, Shapes, box, joined
 
 LIDAR = Lidar(361, 2.0 * np.pi * 360 / 361)
@@ -36,14 +36,14 @@ def test_a_scan_is_found_near_where_it_was_expected_and_farther_away(
     matcher: MapMatcher, off: list[float]
 ) -> None:
     pose = np.array([0.6, 0.3, 0.5])
-    match = matcher.find(seen(ROOM, pose, 9), Prediction(pose + off, DOUBT), pose)
+    match = matcher.find(seen(ROOM, pose, 9), ExpectedPose(pose + off, DOUBT), pose)
     assert match.believable
     assert (np.abs(between(pose, match.refined.pose)) < [0.03, 0.03, 0.01]).all()
 
 
 def test_a_scan_of_another_room_is_found_nowhere(matcher: MapMatcher) -> None:
     pose = np.array([0.2, 0.1, 0.2])
-    match = matcher.find(seen(ANOTHER, pose), Prediction(pose, DOUBT), pose)
+    match = matcher.find(seen(ANOTHER, pose), ExpectedPose(pose, DOUBT), pose)
     assert not match.believable
     assert "contradict" in match.reason
 
@@ -52,13 +52,13 @@ def test_odds_are_less_the_farther_a_place_is_from_where_it_was_expected(matcher
     pose = np.array([0.6, 0.3, 0.5])
     scan, odds = seen(ROOM, pose, 9), []
     for away in (0.0, 0.2, 0.6, 1.0):
-        expected = Prediction(pose + np.array([away, 0.0, 0.0]), DOUBT)
+        expected = ExpectedPose(pose + np.array([away, 0.0, 0.0]), DOUBT)
         odds.append(matcher.find(scan, expected, pose).odds)
     assert (np.diff(odds) < -0.5).all()
 
 
 def test_what_speaks_against_a_surprise_is_a_square_at_first_and_then_a_logarithm() -> None:
-    expected = Prediction(np.zeros(3), DOUBT)
+    expected = ExpectedPose(np.zeros(3), DOUBT)
     near, far, farther = (expected.against(np.array([x, 0.0, 0.0])) for x in (0.01, 10.0, 20.0))
     assert near == pytest.approx(2.5 * 0.01 / 2.0, rel=0.01)
     assert farther - far == pytest.approx(5.0 * np.log(2.0), rel=0.01)

@@ -309,9 +309,10 @@ def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
     """What is elsewhere, new or gone since a moment. value : {id: [place before, place after]}. Raises InputError."""
     span = since_when(world, since, DAY)
     where = place_named(world, place)
-    found = [change for change in _net_changes(world, span) if is_about(world, change, where)]
+    found, certain = _net_changes(world, span)
+    found = [change for change in found if is_about(world, change, where)]
     at = at_the(world, where)
-    probability = Trust.SEEN * Trust.EACH ** len(found)
+    probability = Trust.SEEN * Trust.EACH ** len(found) * certain
     sentence = f"Nothing that I know of has changed{at} {period_of(world, span)}"
     if found:
         parts = "; ".join(told_change(world, each) for each in found[:12])
@@ -325,15 +326,20 @@ def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
     return Answer.stated(sentence, "what_changed", probability, span.start, value, evidence)
 
 
-def _net_changes(world: Recall, span: Span) -> list[Change]:
-    """One for each object that is not where it was at the beginning of a span."""
-    found = []
+def _net_changes(world: Recall, span: Span) -> tuple[list[Change], float]:
+    """One for each object that is not where it was at the beginning of a span, and how probably these are all."""
+    found, certain = [], 1.0
     for name in world.heads(world.active(span.start, span.end)):
         line = world.latest(name, span.start, span.end)
         begun = world.line(name, span.start, span.start) if span.end - span.start > LATELY else line
         before, after = begun.found_by(span.start), line.found_by(span.end)
         if _is_false(world, line) or _as_it_was(before, after):
             continue
+        if after is None and line.lost and world.is_now(span.end):
+            # It may still be there: one look that did not find it is no proof.
+            there = elsewhere(world, line).places.get(line.stays[-1].place, 0.0)
+            certain *= max(there, 1.0 - there)
+            after = line.stays[-1] if there > 0.5 else None
         if before is None:
             line, _ = last_changes(world, name, span, lambda change: True)
         changes, gone = changes_of(line, span.start, span.end), line.last(span.end)
@@ -342,8 +348,9 @@ def _net_changes(world: Recall, span: Span) -> list[Change]:
             start, end = gone.until, gone.left_by or span.end
         elif changes:
             start, end = changes[-1].start, changes[-1].end
-        found.append(Change(name, before, after, start, end))
-    return sorted(found, key=lambda change: change.end)
+        if not _as_it_was(before, after):
+            found.append(Change(name, before, after, start, end))
+    return sorted(found, key=lambda change: change.end), certain
 
 
 def _as_it_was(before: ObjectStay | None, after: ObjectStay | None) -> bool:
