@@ -119,7 +119,8 @@ def _evidence(counts, owner, points, slack, cell):  # type: ignore[no-untyped-de
     size = owner.shape[0]
     for k in range(len(points)):
         i, j = math.floor(points[k, 0] / cell), math.floor(points[k, 1] / cell)
-        rings = math.ceil(max(slack[k] / cell, 1.0))
+        # What is known no better than this could be anywhere, and looking there takes for ever.
+        rings = math.ceil(min(max(slack[k] / cell, 1.0), size / 8.0))
         empty, most, looked = 0.0, 0.0, 0.0
         for di in range(-rings, rings + 1):
             for dj in range(-rings, rings + 1):
