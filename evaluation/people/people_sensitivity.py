@@ -23,6 +23,7 @@ FACTORS = (0.7, 1.4)
 SETTINGS = ("acceleration", "leg_noise", "detection_probability", "memory", "report", "located")
 NUMBERS: tuple[tuple[Any, str], ...] = (
     (people, "OPPOSITE"),
+    (people, "EXACTER"),
     (people, "CLUSTERS"),
     (people, "MARGIN"),
     (people, "BELONGS"),

@@ -40,6 +40,7 @@ from tracking.people.person_class import SHORT, ClassEvidence, ClassModel, ScanL
 PERIOD = 0.1  # s, of a scan as the settings mean it
 OPPOSITE = -0.8  # correlation of where both legs are about the middle
 WIDE = 0.25  # m, a cluster wider than that is both legs or a trunk
+EXACTER = 4.0  # by which the variance of its place is smaller than that of a leg
 CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half of the time
 LINK = 0.9995  # quantile of the distance of two legs up to which they are searched together
 HYPOTHESES, MARGIN = 5, 5.0  # per group of targets, and how far below the likeliest, nat; set for speed
@@ -378,8 +379,7 @@ def _looks(seen: ClusterScan, dt: float) -> ReturnLooks:
         seen.log_births + math.log(max(dt, 1e-3) / PERIOD),
         seen.birth_class,
         np.clip(seen.shape, -SHAPE, SHAPE),
-        # The mean of both legs is nearer to the middle than one of them.
-        np.where(seen.widths > WIDE, 2.0 / (1.0 + OPPOSITE), 1.0),
+        np.where(seen.widths > WIDE, EXACTER, 1.0),
     )
 
 
