@@ -104,6 +104,8 @@ class WorldModelConfig:
         0.9, "", "probability that a visible object is detected", 0.01, 0.9999
     )
     clutter_per_frame: float = setting(0.2, "", "mean number of false detections per observation", 0.0, 1e4)
+    # Both rates are set on days 300 to 307 of the simulated apartment. Lower ones change little more there, and of many
+    # landmarks fewer are known again.
     new_objects_per_second: float = setting(
         5e-3, "1/s", "mean number of objects that appear in the region per second", 1e-9, 1e4
     )
