@@ -30,7 +30,7 @@ from tracking.mixture.pmbm import PmbmRecursion
 from tracking.mixture.target import Target
 from tracking.people.cluster_model import KINDS, SHAPE, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people.free_space import DELAY, Background
-from tracking.people.identity import ReturningPeople, Walking
+from tracking.people.identity import ReturningPeople
 from tracking.people.legs import clusters_of
 from tracking.people.people_config import PeopleConfig
 from tracking.people.people_shape import shape_model
@@ -42,6 +42,7 @@ OPPOSITE = -0.8  # correlation of where both legs are about the middle
 WIDE = 0.25  # m, a cluster wider than that is both legs or a trunk
 EXACTER = 4.0  # by which the variance of its place is smaller than that of a leg
 CLUSTERS = 1.5  # that a person gives on average, one leg hiding the other half of the time
+SPEED = 0.7  # m/s, deviation of a new target's velocity
 LINK = 0.9995  # quantile of the distance of two legs up to which they are searched together
 HYPOTHESES, MARGIN = 5, 5.0  # per group of targets, and how far below the likeliest, nat; set for speed
 # Deviations of a range by which neighbouring returns of one thing may lie apart: four of the difference of two.
@@ -52,9 +53,9 @@ BELONGS = 0.45  # m from a target to the clusters that tell its class
 LEGS, STRIDES = 0.3, 1.0
 NEIGHBOURS = 1.0  # m between the legs of one person at most
 # How probably a frame jumps, learned over s from how often it did; and how far from where a target should be its
-# cluster is: as a leg, but for a share that is not found at all.
+# cluster is, m, but for a share that is not found at all.
 JUMPS, LEARNED = 0.001, 30.0
-UNFOUND = 0.0001
+FOUND, UNFOUND = 0.15, 0.0001
 GAP = 0.5  # s after a scan, or twice the time before it, from which the stamp of the next may be wrong
 UNSEEN = KINDS.index("unseen")
 
@@ -183,7 +184,7 @@ class PeopleTracker:
         self._sight.scan = scan
         # All in reach may be new; where it is how likely comes with the measurements.
         reach = self.config.max_range
-        spread = np.diag([reach**2, reach**2, Walking.speed**2, Walking.speed**2])
+        spread = np.diag([reach**2, reach**2, SPEED**2, SPEED**2])
         self._phd.births = [(1.0, np.array([*place[:2], 0.0, 0.0]), spread)]
         self.recursion.update(seen.places, dt, place, _looks(seen, dt))
         self.stamp, self._pose = float(stamp), place
@@ -254,8 +255,7 @@ class PeopleTracker:
             return False
         shift = compound(pose, inverse(before))
         spots = np.array([target.mean[:2] + dt * target.mean[2:] for target in sure])
-        noise = self.config.leg_noise
-        better = _fit(transform_points(shift, spots), seen, noise) - _fit(spots, seen, noise)
+        better = _fit(transform_points(shift, spots), seen) - _fit(spots, seen)
         if better + math.log(self._jumps / (1.0 - self._jumps)) <= 0.0:
             return False
         self._jumps += min(dt / LEARNED, 0.5) * (1.0 - self._jumps)
@@ -383,10 +383,10 @@ def _looks(seen: ClusterScan, dt: float) -> ReturnLooks:
     )
 
 
-def _fit(spots: FloatArray, seen: ClusterScan, noise: float) -> float:
-    """Log-likelihood of targets at the places (T, 2), by how far the nearest cluster is from each; noise : m."""
+def _fit(spots: FloatArray, seen: ClusterScan) -> float:
+    """Log-likelihood of targets at the places (T, 2), by how far the nearest cluster is from each."""
     gaps = np.linalg.norm(spots[:, None] - seen.places[None], axis=2).min(axis=1, initial=np.inf)
-    return float(np.log(np.exp(-0.5 * (gaps / noise) ** 2) + UNFOUND).sum())
+    return float(np.log(np.exp(-0.5 * (gaps / FOUND) ** 2) + UNFOUND).sum())
 
 
 def _checked(
