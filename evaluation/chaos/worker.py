@@ -17,6 +17,8 @@ import struct
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from unique_identifier_msgs.msg import UUID
 
+from estimation.errors import WhereaboutsError
 from evaluation.chaos.generator import LINKS, START, Fuzzer
 from evaluation.chaos.times import FAULTS, ChaosStage, Plays, play
 from whereabouts.node_names import NODES
@@ -142,9 +145,8 @@ class Worker:
                     self._count(service.srv_name, lambda service=service: self._ask(service))
             if self.actions and self.done % GOALS < len(self.node.inputs):
                 kind, execute = self.actions[self.done % len(self.actions)]
-                self.executor.create_task(
-                    execute(FedGoal(self._fuzzer.message(kind), UUID(uuid=list(self._fuzzer.rng.bytes(16)))))
-                )
+                goal = FedGoal(self._fuzzer.message(kind), UUID(uuid=list(self._fuzzer.rng.bytes(16))))
+                self.executor.create_task(_carry_out(execute, goal))
 
     def play(self, seconds: float) -> None:
         """Stamps that are wrong and messages that get lost, for so long; faults in turn, by seed and node."""
@@ -194,6 +196,12 @@ def _anything(message: Any) -> None:
 
 def _own(service: Any) -> bool:
     return bool(service.srv_type.__module__.startswith("whereabouts_msgs"))
+
+
+async def _carry_out(execute: Callable[[Any], Coroutine[Any, Any, Any]], goal: FedGoal) -> None:
+    """As an action server does: what cannot be done is refused, which is no defect."""
+    with suppress(WhereaboutsError):
+        await execute(goal)
 
 
 def _node_class(name: str) -> type[SuiteNode]:

@@ -44,7 +44,9 @@ def test_a_map_is_paused_corrected_and_asked_for(graph: Graph) -> None:
     told = len(robot.transforms)
     robot.go(5.0, 6.0, 0.25)
     graph.until(lambda: len(robot.transforms) > told, "transforms go on")
-    # Scans that waited when it was paused are in the path by now.
+    # Scans that waited when it was paused are in the map by now, and a path is published just before its map.
+    asked = graph.call(GetMap, "loop_closure/dynamic_map", GetMap.Request()).map
+    graph.until(lambda: maps and maps[-1].data == asked.data, "the map of the pause is published")
     kept, told = paths[-1], len(robot.transforms)
     robot.go(6.0, 9.0, 0.25)
     graph.until(lambda: len(robot.transforms) > told, "transforms go on")
