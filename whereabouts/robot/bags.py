@@ -8,10 +8,10 @@ from typing import Any
 
 from whereabouts.logs import RawMessage, convert_log, open_raw
 from whereabouts.logs.opening import detect
-from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, scans, seconds
 from whereabouts.messages.records import TransformRecord, strip_slash
 from whereabouts.robot.survey import ODOMETRY, SCAN, TF, Seen, Survey
+from whereabouts.system.log_errors import UnreadableTypeError
 
 # What a recording holds shows within its first minute, but for transforms that are latched later.
 LOOK_AT_SECONDS = 60.0
