@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from whereabouts.logs import RawMessage, convert_log, open_raw
-from whereabouts.logs.opening import detect
+from whereabouts.logs.detection import detect
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, scans, seconds
 from whereabouts.messages.records import TransformRecord, strip_slash
 from whereabouts.robot.survey import ODOMETRY, SCAN, TF, Seen, Survey

@@ -137,12 +137,9 @@ def read_tum(path: Path | str) -> Trajectory:
 
 
 def _rows(path: Path) -> Iterator[list[float]]:
-    for number, line in TextSource(path).lines(Summary()):
-        text = line.strip()
-        if not text or text.startswith(b"#"):
-            continue
+    for number, words in TextSource(path).fields(Summary()):
         try:
-            values = [float(part) for part in text.replace(b",", b" ").split()]
+            values = [float(part) for part in b" ".join(words).replace(b",", b" ").split()]
         except ValueError:
             raise TrajectoryError(path, "`stamp x y z qx qy qz qw` expected", f"line {number}") from None
         if len(values) != 8 or not all(map(math.isfinite, values)):
