@@ -186,7 +186,7 @@ def loop_closure(options: argparse.Namespace) -> list[str]:
     start(node)
 
     def now() -> str:
-        slam = node.slam
+        slam = node._map.slam
         return f"{len(slam.keyframes)} {len(slam.graph.edges)} {len(slam.closures)}"
 
     figures = SimpleNamespace(names="keyframes, edges, closures", now=now)
