@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -13,7 +13,6 @@ from whereabouts.cli.common import Namespace, argument, option
 
 if TYPE_CHECKING:
     from whereabouts.agents.knowledge import Knowledge
-    from whereabouts.nodes.live.live_actions import Done
 
 Named = Annotated[list[str], argument("NAME", 'An id ("cup-3"), a class, or a colour and a class.')]
 MapPath = Annotated[
@@ -81,7 +80,7 @@ def _forgotten(knowledge: Knowledge, words: str) -> tuple[bool, str]:
 
 def save_map(path: MapPath = "", namespace: Namespace = "") -> None:
     """Have the running node loop_closure write its map."""
-    _of_map(namespace, lambda actions, client: actions.save_map(client, path))
+    _live(namespace, lambda knowledge: knowledge.act("save_map", path=path))
 
 
 def load_map(
@@ -90,19 +89,8 @@ def load_map(
     namespace: Namespace = "",
 ) -> None:
     """Have the running node loop_closure read a map and localise in it."""
-    _of_map(namespace, lambda actions, client: actions.load_map(client, path, extend))
-
-
-def _of_map(namespace: str, call: Callable[[Any, Any], Done]) -> None:
-    """call : given `whereabouts.nodes.live.live_actions`, which needs ROS, and a client."""
-
-    def act(knowledge: Knowledge) -> tuple[bool, str]:
-        from whereabouts.nodes.live import live_actions
-
-        done = call(live_actions, knowledge.client())
-        return done.ok, done.sentence
-
-    _live(namespace, act)
+    asked = {"path": path, "localization_only": not extend}
+    _live(namespace, lambda knowledge: knowledge.act("load_map", **asked))
 
 
 def _live(namespace: str, call: Callable[[Knowledge], tuple[bool, str]]) -> None:

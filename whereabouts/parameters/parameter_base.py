@@ -7,6 +7,8 @@ from typing import Any, ClassVar, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from whereabouts.system.state_files import StateFiles
+
 Config = TypeVar("Config")
 
 
@@ -106,6 +108,11 @@ class FileParameters(NodeParameters):
     allowed_folders: list[str] = setting(
         [""], "services may name absolute paths below these folders only; [''] allows none", fixed=True
     )
+
+    @property
+    def files(self) -> StateFiles:
+        """What services may name."""
+        return StateFiles(self.state_dir, self.allowed_folders)
 
 
 class SharedParameters(FileParameters, BaseFrame, OdomFrame, MapFrame):

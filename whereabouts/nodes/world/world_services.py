@@ -14,7 +14,6 @@ from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.nodes.world.camera_door import CameraDoor
 from whereabouts.nodes.world.world_publisher import WorldPublisher
 from whereabouts.system.counting import counted
-from whereabouts.system.state_files import StateFiles
 from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
 from world_model.camera.rates import SUFFIX as CAMERA_SUFFIX
 from world_model.world import routines_path
@@ -84,8 +83,8 @@ class WorldServices:
         store = self._world.model.store
         if store is None:
             raise InputError("there is no store: the parameter store_path is empty")
-        files = StateFiles(self._node.settings.state_dir, self._node.settings.allowed_folders)
-        path = store.save(files.named(request.path, self._node.settings.store_path, making=True))
+        settings = self._node.settings
+        path = store.save(settings.files.named(request.path, settings.store_path, making=True))
         self._world.model.household.write(routines_path(path))
         self._camera.rates.write(path.with_name(path.name + CAMERA_SUFFIX))
         response.path = str(path)
