@@ -44,7 +44,7 @@ from whereabouts.recorded.world_log import EVIDENCE
 from whereabouts.simulation.home.apartment_bag import START, TARGETS
 from whereabouts.simulation.home.apartment_day import LASER_MOUNT, THINGS, ApartmentDay
 from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT
-from whereabouts.simulation.people import positions
+from whereabouts.simulation.walkers import positions
 from whereabouts.simulation.world_bag import SuiteMessages, distribution
 from whereabouts_msgs.msg import TargetArray
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage

@@ -69,7 +69,7 @@ def convert(
     where it occurs first.
     """
     from estimation.errors import InputError
-    from whereabouts.logs.detection import detect
+    from whereabouts.logs.format_detection import detect
     from whereabouts.logs.log_conversion import convert_log
     from whereabouts.system.log_errors import WriteError
     from whereabouts.system.progress import share_bar

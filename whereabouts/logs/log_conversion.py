@@ -17,7 +17,7 @@ from typing import TypeVar
 from estimation.errors import InputError
 from whereabouts.logs.bags.encode import CLOUD_TYPE, ODOMETRY_TYPE, SCAN_TYPE, nanoseconds
 from whereabouts.logs.bags.ros import RawLog, open_raw
-from whereabouts.logs.detection import detect
+from whereabouts.logs.format_detection import detect
 from whereabouts.logs.log import Log
 from whereabouts.logs.opening import open_log
 from whereabouts.logs.summary import Summary

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from whereabouts.logs.bags.ros import RosLog
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
-from whereabouts.logs.detection import detect
+from whereabouts.logs.format_detection import detect
 from whereabouts.logs.formats.carmen import CarmenLog
 from whereabouts.logs.formats.g2o import G2oLog
 from whereabouts.logs.log import Log

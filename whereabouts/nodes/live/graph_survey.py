@@ -16,7 +16,7 @@ from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.qos import TF_STATIC_QOS, best_effort
 from whereabouts.nodes.runtime.dead_ends import full_name
 from whereabouts.robot.bags import look_at_message
-from whereabouts.robot.survey import CLOUD, IMU, ODOMETRY, SCAN, TF, Seen, Survey
+from whereabouts.robot.survey import CLOUD, IMU, ODOMETRY, SCAN, TF, SeenTopic, Survey
 
 HEARD = (SCAN, CLOUD, ODOMETRY, IMU, TF)
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
@@ -63,14 +63,14 @@ class _Listener:
             infos = self._node.get_publishers_info_by_topic(name)
             if not infos:
                 continue
-            seen = self.survey.topics.setdefault(name, Seen(name, kinds[0]))
+            seen = self.survey.topics.setdefault(name, SeenTopic(name, kinds[0]))
             seen.publishers = tuple(sorted(map(full_name, infos)))
             seen.qos = tuple(_offer(info.qos_profile) for info in infos)
             if name not in self._subscribed and kinds[0] in (*HEARD, DIAGNOSTICS):
                 self._subscribed.add(name)
                 self._subscribe(seen)
 
-    def _subscribe(self, seen: Seen) -> None:
+    def _subscribe(self, seen: SeenTopic) -> None:
         def take(message: Any) -> None:
             if isinstance(message, DiagnosticArray):
                 suite = (item for item in message.status if item.hardware_id == "whereabouts")

@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from estimation.errors import InputError
-from whereabouts.simulation.people import SimulatedWalker, random_build
 from whereabouts.simulation.shapes import Array
+from whereabouts.simulation.walkers import SimulatedWalker, random_build
 
 # Spots people walk over or stay at, m.
 SPOTS: dict[str, tuple[float, float]] = {
