@@ -63,7 +63,9 @@ class CarmenLog(TextLog):
     @property
     def corrected(self) -> bool:
         """Whether a mapper wrote this log, so that its poses are no odometry."""
-        return is_corrected(self._source.head(HEAD_BYTES))
+        # NEFF is a mapper's effective number of particles.
+        head = self._source.head(HEAD_BYTES)
+        return head.startswith(b"NEFF ") or b"\nNEFF " in head
 
     def _records(self) -> Iterator[Record]:
         self._lasers = {side: LaserParameters() for side in TOPICS}
@@ -151,8 +153,3 @@ def _updated(laser: LaserParameters, side: str, setting: str, value: float) -> L
         "angular_offset": (x, y, value + facing),
     }[setting]
     return LaserParameters(laser.max_range, np.array(mount))
-
-
-def is_corrected(head: bytes) -> bool:
-    """Whether a mapper wrote these first lines: NEFF is its effective number of particles."""
-    return head.startswith(b"NEFF ") or b"\nNEFF " in head
