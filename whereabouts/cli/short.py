@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
@@ -25,19 +27,14 @@ def find(name: Named, store: StoreFile = None, namespace: Namespace = "") -> Non
 
     Exit status: 0 found, 1 not found, 2 no store and nobody who searches.
     """
-    from estimation.errors import WhereaboutsError
-    from whereabouts.agents.knowledge import Knowledge
     from world_model.questions import answered, where_to_look
 
     words = " ".join(name)
     if store is None:
         _live(namespace, lambda knowledge: _found(knowledge, words))
         return
-    try:
-        with Knowledge(store) as knowledge:
-            answer = knowledge.ask(lambda world: answered(world, lambda known: where_to_look(known, words)))
-    except WhereaboutsError as error:
-        _end(2, f"whereabouts: {error}")
+    with _stored(store, failure=2) as knowledge:
+        answer = knowledge.ask(lambda world: answered(world, lambda known: where_to_look(known, words)))
     typer.echo(answer.sentence)
     if answer.value is None:
         sys.exit(1)
@@ -57,18 +54,12 @@ def _found(knowledge: Knowledge, words: str) -> tuple[bool, str]:
 
 def forget(name: Named, store: StoreFile = None, namespace: Namespace = "") -> None:
     """Take an object out of the world for good; its history stays. With --store: out of that file."""
-    from estimation.errors import WhereaboutsError
-    from whereabouts.agents.knowledge import Knowledge
-
     words = " ".join(name)
     if store is None:
         _live(namespace, lambda knowledge: _forgotten(knowledge, words))
         return
-    try:
-        with Knowledge(store) as knowledge:
-            _, sentence = _forgotten(knowledge, words)
-    except WhereaboutsError as error:
-        _end(1, f"whereabouts: {error}")
+    with _stored(store, failure=1) as knowledge:
+        _, sentence = _forgotten(knowledge, words)
     typer.echo(sentence)
 
 
@@ -91,6 +82,19 @@ def load_map(
     """Have the running node loop_closure read a map and localise in it."""
     asked = {"path": path, "localization_only": not extend}
     _live(namespace, lambda knowledge: knowledge.act("load_map", **asked))
+
+
+@contextmanager
+def _stored(store: Path, failure: int) -> Iterator[Knowledge]:
+    """What a store knows; ends with the status `failure` where something is wrong with it."""
+    from estimation.errors import WhereaboutsError
+    from whereabouts.agents.knowledge import Knowledge
+
+    try:
+        with Knowledge(store) as knowledge:
+            yield knowledge
+    except WhereaboutsError as error:
+        _end(failure, f"whereabouts: {error}")
 
 
 def _live(namespace: str, call: Callable[[Knowledge], tuple[bool, str]]) -> None:
