@@ -33,6 +33,7 @@ from sensor_msgs.msg import LaserScan
 
 from estimation.geometry.poses import between, compound, pose_to_quaternion
 from registration import Scan
+from whereabouts.logs.bags.encode import header, xyz
 from whereabouts.nodes.loop_closure_node import LoopClosureNode
 from whereabouts.nodes.messages.conversions import array_of, spatial
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
@@ -43,8 +44,8 @@ from whereabouts.recorded.world_log import EVIDENCE
 from whereabouts.simulation.home.apartment_bag import START, TARGETS
 from whereabouts.simulation.home.apartment_day import LASER_MOUNT, THINGS, ApartmentDay
 from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT
-from whereabouts.simulation.people import positions
-from whereabouts.simulation.world_bag import SuiteMessages
+from whereabouts.simulation.walkers import positions
+from whereabouts.simulation.world_bag import SuiteMessages, distribution
 from whereabouts_msgs.msg import TargetArray
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
 
@@ -88,30 +89,26 @@ def world_model_feed(node: WorldModelNode, looks: int) -> Feed:
         place(node, "base_link", "camera", at, np.array([0.0, 0.0, CAMERA_HEIGHT, 0.0, 0.0, pan]))
         seen = make.serialized(make.evidence(evidence, stamp, "camera"), EVIDENCE)
         node._take_evidence(deserialize_message(seen, EvidenceMessage), at)
-        node._take_targets(targets(make, people + rng.normal(0.0, 0.05, people.shape), moment, stamp), at)
+        node._take_targets(targets(make, people + rng.normal(0.0, 0.05, people.shape), moment, at), at)
         yield moment
 
 
-def targets(make: SuiteMessages, people: np.ndarray, moment: float, stamp: float) -> TargetArray:
+def targets(make: SuiteMessages, people: np.ndarray, moment: float, at: int) -> TargetArray:
     """People (P, 2) as the tracker says them; everybody has a new label every two minutes."""
-    header = make.header(stamp, "map")
     told = [
-        make.make(
-            "whereabouts_msgs/msg/Target",
-            label=1 + number + len(people) * int((moment + 40.0 * number) / STAY),
-            position=make.vector("Point", [*spot, 0.0]),
-            velocity=make.vector("Vector3", np.zeros(3)),
-            state_covariance=(0.01 * np.eye(4)).ravel(),
-            weight=1.0,
-            extent=0.05 * np.eye(2).ravel(),
-            measurement_rate=5.0,
-            class_distribution=make.distribution({"person": 1.0}),
-            last_seen=make.time(stamp),
-            occluded=False,
-        )
+        {
+            "label": 1 + number + len(people) * int((moment + 40.0 * number) / STAY),
+            "position": xyz([*spot, 0.0]),
+            "state_covariance": (0.01 * np.eye(4)).ravel(),
+            "weight": 1.0,
+            "extent": 0.05 * np.eye(2).ravel(),
+            "measurement_rate": 5.0,
+            "class_distribution": distribution({"person": 1.0}),
+            "last_seen": header(at, "")["stamp"],
+        }
         for number, spot in enumerate(people)
     ]
-    message = make.make(TARGETS, header=header, targets=told, expected_count=float(len(told)))
+    message = make.make(TARGETS, header=header(at, "map"), targets=told, expected_count=float(len(told)))
     return deserialize_message(make.serialized(message, TARGETS), TargetArray)
 
 
@@ -189,7 +186,7 @@ def loop_closure(options: argparse.Namespace) -> list[str]:
     start(node)
 
     def now() -> str:
-        slam = node.slam
+        slam = node._map.slam
         return f"{len(slam.keyframes)} {len(slam.graph.edges)} {len(slam.closures)}"
 
     figures = SimpleNamespace(names="keyframes, edges, closures", now=now)

@@ -29,6 +29,12 @@ class Interface(NamedTuple):
 
 
 _I = Interface
+
+
+def _tf(meaning: str) -> tuple[Interface, Interface]:
+    return _I("in", "tf", _TF, meaning), _I("in, latched", "tf_static", _TF, "the same")
+
+
 _TF = "tf2_msgs/TFMessage"
 _MARKERS = "visualization_msgs/MarkerArray"
 _GRID = "nav_msgs/OccupancyGrid"
@@ -50,8 +56,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in", "scan", "sensor_msgs/LaserScan", "any mounting that tf knows, also upside down or tilted; scans of further sensors are joined to those of the first", "scan_topics"),
         _I("in", "points", "sensor_msgs/PointCloud2", "instead of scans", "cloud_topics"),
         _I("in, optional", "wheel_odom", "nav_msgs/Odometry", "initial guess", "wheel_topic"),
-        _I("in", "tf", _TF, "how the sensor is mounted"),
-        _I("in, latched", "tf_static", _TF, "the same"),
+        *_tf("how the sensor is mounted"),
         _I("out", "odometry", "nav_msgs/Odometry", "pose and twist with covariance, one per scan, at the scan's stamp"),
         _I("out", "tf", _TF, "`odom` → `base_link`, unless somebody else places that frame"),
         _I("out", "static_points", "sensor_msgs/PointCloud2", "the scan without what moves, in `base_link`"),
@@ -60,8 +65,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
     "loop_closure": (
         _I("in", "scan", "sensor_msgs/LaserScan", "scans that show the places", "scan_topic"),
         _I("in", "points", "sensor_msgs/PointCloud2", "instead of scans", "cloud_topic"),
-        _I("in", "tf", _TF, "`odom` → `base_link` at the scan's stamp, and how the sensor is mounted"),
-        _I("in, latched", "tf_static", _TF, "the same"),
+        *_tf("`odom` → `base_link` at the scan's stamp, and how the sensor is mounted"),
         _I("in, optional", "odometry", "nav_msgs/Odometry", "where the robot was at a scan, and how sure that is, also where the base publishes the transform; see `odometry_source`"),
         _I("in, optional", "initialpose", _POSE, "where the robot is in a saved map"),
         _I("in, optional", "clicked_point", "geometry_msgs/PointStamped", "RViz's Publish Point: which closure `~/remove_closure` takes out"),
@@ -84,8 +88,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
     ),
     "target_tracker": (
         _I("in", "scan", "sensor_msgs/LaserScan", "a level scanner; `odom_frame` → scanner must be in tf at the stamp", "scan_topic"),
-        _I("in", "tf", _TF, "where the scanner is"),
-        _I("in, latched", "tf_static", _TF, "the same"),
+        *_tf("where the scanner is"),
         _I("in, optional", "odometry", "nav_msgs/Odometry", "how uncertain the robot's pose is, if its frame is `odom_frame`"),
         _I("in, optional", "robot_pose", _POSE, "the same by localisation, if its frame is `odom_frame`; preferred"),
         _I("out", "targets", "whereabouts_msgs/TargetArray", "people in `odom_frame`, one message per scan. The class is a distribution over person and other. Covariances include that of the robot's pose"),
@@ -94,8 +97,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
     ),
     "motion_predictor": (
         _I("in", "targets", "whereabouts_msgs/TargetArray", "tracked people, in any frame that tf connects with `map_frame`"),
-        _I("in", "tf", _TF, "where that frame is"),
-        _I("in, latched", "tf_static", _TF, "the same"),
+        *_tf("where that frame is"),
         _I("in, latched", "map", _GRID, "optional: walls that paths respect"),
         _I("out", "predicted_paths", "whereabouts_msgs/PredictedPathArray", "per person goals, probabilities, path and alternatives"),
         _I("out", "predicted_occupancy", "sensor_msgs/PointCloud2", "where people will be, in `base_frame`, for an obstacle layer of a nav2 costmap"),
@@ -116,8 +118,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in", "targets", "whereabouts_msgs/TargetArray", "people; then people in other evidence are ignored"),
         _I("in, optional", "predicted_paths", "whereabouts_msgs/PredictedPathArray", "where targets will be while they are hidden"),
         _I("in, optional", "robot_pose", _POSE, "how uncertain the robot's pose in the map is"),
-        _I("in", "tf", _TF, "at the stamp of the evidence; covariances are turned, the robot's is added"),
-        _I("in, latched", "tf_static", _TF, "the same"),
+        *_tf("at the stamp of the evidence; covariances are turned, the robot's is added"),
         _I("out, latched", "world_state", "whereabouts_msgs/WorldState", "the most probable world, with predicates and places"),
         _I("out", "world_hypotheses", "whereabouts_msgs/WorldHypotheses", "all hypotheses, the most probable first"),
         _I("out", "objects", "vision_msgs/Detection3DArray", "what exists and is not lost"),
@@ -131,8 +132,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
     "verifier": (
         _I("in", "scan", "sensor_msgs/LaserScan", "where objects are searched", "scan_topic"),
         _I("in", "points", "sensor_msgs/PointCloud2", "instead of scans", "cloud_topic"),
-        _I("in", "tf", _TF, "where the sensor is"),
-        _I("in, latched", "tf_static", _TF, "the same"),
+        *_tf("where the sensor is"),
         _I("in, latched", "map", _GRID, "optional: what belongs to the building"),
         _I("action", "verify_object", "whereabouts_msgs/VerifyObject", "check a region: found, occluded or not found"),
     ),
@@ -140,8 +140,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in, latched", "world_state", "whereabouts_msgs/WorldState", "the most probable world"),
         _I("in, latched", "base_available", "std_msgs/Bool", "false while another component moves the base; then only objects in view are verified"),
         _I("in, latched", "map", _GRID, "optional: paths avoid what is occupied"),
-        _I("in", "tf", _TF, "`map` → `base_link`"),
-        _I("in, latched", "tf_static", _TF, "the same"),
+        *_tf("`map` → `base_link`"),
         _I("out", "verification_tasks", "whereabouts_msgs/VerificationTask", "object, 95 % region, sensor, expected gain, and why"),
         _I("out, latched", "maintenance_goal", "geometry_msgs/PoseStamped", "where the robot should stand"),
         _I("out", "evidence", "whereabouts_msgs/WorldEvidence", "what the verifier measured, or that the object is not there"),
@@ -153,8 +152,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
     "object_search": (
         _I("in, latched", "world_state", "whereabouts_msgs/WorldState", "what is in view, and what is known"),
         _I("in, latched", "map", _GRID, "optional: the middle of the room, and unseen floor"),
-        _I("in", "tf", _TF, "`map` → `base_link`"),
-        _I("in, latched", "tf_static", _TF, "the same"),
+        *_tf("`map` → `base_link`"),
         _I("in, latched", "base_available", "std_msgs/Bool", "false while another component moves the base; a search on behalf of maintenance waits then"),
         _I("out, latched", "search_goal", "geometry_msgs/PoseStamped", "where to go next"),
         _I("out, latched", "base_available", "std_msgs/Bool", "false while it searches, so that maintenance does not move the base"),

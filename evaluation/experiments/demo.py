@@ -69,8 +69,8 @@ def _other_days(options: RunOptions, report: Report) -> None:
 def _replayed(seed: int | None, folder: Path) -> dict[str, Any]:
     """Figures of a day, None for the shipped one; needs ROS."""
     from evaluation.demo.demo_report import figures, judge
+    from evaluation.demo.demo_runs import apartment_bag
     from evaluation.demo.replay import replay
-    from evaluation.demo.running import apartment_bag
     from whereabouts.nodes.runtime.suite_run import prepare_environment
     from whereabouts.simulation.home.apartment_bag import record
     from whereabouts.simulation.home.apartment_day import ApartmentDay

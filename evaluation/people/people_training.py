@@ -24,7 +24,7 @@ from registration.laser.scan import Scan
 from tracking.people.legs import FEATURES, clusters_of
 from tracking.people.people_shape import CARD, MODEL
 from whereabouts.simulation import Lidar, joined, outlines, random_room
-from whereabouts.simulation.people import random_build, wander
+from whereabouts.simulation.walkers import random_build, wander
 
 Array = NDArray[np.float64]
 SPARSE = (1, 2, 3)  # every how many-th beam is kept

@@ -12,9 +12,9 @@ import numpy as np
 
 from evaluation.scenes.people_scenes import PeopleScene
 from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.people import Build, SimulatedWalker, random_build, wander
 from whereabouts.simulation.robot import Drive
 from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon, unit
+from whereabouts.simulation.walkers import Build, SimulatedWalker, random_build, wander
 
 LAYOUTS = ("pillars", "screens", "open", "pillars in the open")
 MOTIONS = ("straight", "rounds", "waypoints")

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from registration.laser.scan import Scan
 from whereabouts.simulation.lidar import Lidar
 from whereabouts.simulation.movers import outlines
-from whereabouts.simulation.people import SimulatedWalker, positions, random_build, wander
 from whereabouts.simulation.robot import Drive
 from whereabouts.simulation.rooms import random_floor, random_room
 from whereabouts.simulation.shapes import Array, Shapes, circle, joined, polygon, unit
+from whereabouts.simulation.walkers import SimulatedWalker, positions, random_build, wander
 
 SCANNER = Lidar(beams=361, opening=np.pi, range_max=12.0, sigma=0.01)
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from evaluation.scenes.people_scenes import PeopleScene, with_people
 from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.people import Build, SimulatedWalker, random_build, wander
 from whereabouts.simulation.robot import Drive
 from whereabouts.simulation.rooms import random_floor
 from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, polygon
+from whereabouts.simulation.walkers import Build, SimulatedWalker, random_build, wander
 
 TURN = 2.0 * np.pi
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-import evaluation.demo.running as demo
+import evaluation.demo.demo_runs as demo
 from whereabouts.cli.main import app
 
 

@@ -15,7 +15,7 @@ from whereabouts.cli.main import app
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord
 from whereabouts.simulation import Drive, Lidar, box, joined
 from whereabouts.simulation.movers import outlines
-from whereabouts.simulation.people import SimulatedWalker
+from whereabouts.simulation.walkers import SimulatedWalker
 
 runner = CliRunner()
 DRIVE = Drive([(-3.0, -1.5), (2.5, -1.5)], speed=0.3)

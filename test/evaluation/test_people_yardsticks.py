@@ -14,8 +14,8 @@ from evaluation.people.people_yardsticks import Yardstick, best_identities, matc
 from evaluation.scenes.occlusion_scenes import one_hardly_moves
 from evaluation.scenes.people_scenes import PeopleScene, empty_floor
 from tracking.mixture.target import Target
-from whereabouts.simulation.people import Build, SimulatedWalker
 from whereabouts.simulation.shapes import box
+from whereabouts.simulation.walkers import Build, SimulatedWalker
 
 
 def _target(label: int, spot: np.ndarray) -> Target:

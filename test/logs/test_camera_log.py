@@ -12,12 +12,13 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from scipy.spatial.transform import Rotation
 
 from whereabouts.logs import McapWriter, Topic, open_raw
+from whereabouts.logs.bags.encode import header, xyz, xyzw
 from whereabouts.recorded.camera_log import BOXES, IMAGE, INFO, TF
 from whereabouts.recorded.evidence_messages import Reader
 from whereabouts.recorded.world_log import DETECTIONS, EvidenceLog
 from whereabouts.simulation.home.apartment_camera import Item
 from whereabouts.simulation.home.floor_plan import apartment
-from whereabouts.simulation.world_bag import SuiteMessages
+from whereabouts.simulation.world_bag import SuiteMessages, pose
 from whereabouts.system.log_errors import NothingRecognisedError
 from world_model import WorldModel, WorldModelConfig
 
@@ -26,6 +27,10 @@ BOWL = (Item("bowl", "green", (0.09, 0.09, 0.05)), np.array([0.4, 3.8, 0.75]))
 # A robot at (0.5, 1.0), turned to the left, whose camera sees the kitchen table.
 MOUNT = looking(np.array([0.6, 0.4, 1.25]), np.array([2.4, 0.35, 0.7]))
 BASE = np.array([[0.0, -1.0, 0.0, 0.5], [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+def stamped(stamp: float, frame: str) -> dict[str, Any]:
+    return header(round(stamp * 1e9), frame)
 
 
 class CameraRecorder:
@@ -44,35 +49,23 @@ class CameraRecorder:
         self.writer.write_raw(where, self.messages.serialized(message, kind), round(at * 1e9))
 
     def transform(self, topic: str, parent: str, child: str, matrix: np.ndarray, stamp: float) -> None:
-        x, y, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat().tolist()
-        turn = self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-        place = self.messages.vector("Vector3", matrix[:3, 3])
-        both = self.make("geometry_msgs/msg/Transform", translation=place, rotation=turn)
-        header = self.messages.header(stamp, parent)
-        one = self.make(
-            "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=both
-        )
+        turn = Rotation.from_matrix(matrix[:3, :3]).as_quat()
+        both = {"translation": xyz(matrix[:3, 3]), "rotation": xyzw(turn)}
+        one = {"header": stamped(stamp, parent), "child_frame_id": child, "transform": both}
         self.write(topic, TF, self.make(TF, transforms=[one]), stamp)
 
     def info(self) -> None:
         lens = self.camera.camera
         k = np.array([lens.fx, 0.0, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0])
-        roi = self.make(
-            "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
-        )
         message = self.make(
             INFO,
-            header=self.messages.header(self.now, "eye"),
+            header=stamped(self.now, "eye"),
             height=lens.height,
             width=lens.width,
             distortion_model="plumb_bob",
             d=np.zeros(5),
             k=k,
             r=np.eye(3).ravel(),
-            p=np.zeros(12),
-            binning_x=0,
-            binning_y=0,
-            roi=roi,
         )
         self.write("/camera_info", INFO, message, self.now)
 
@@ -81,7 +74,7 @@ class CameraRecorder:
         for _ in range(count):
             self.now += 0.25
             boxes = [self._framed(found) for found in scene.detections(self.rng)]
-            message = self.make(BOXES, header=self.messages.header(self.now, "eye"), detections=boxes)
+            message = self.make(BOXES, header=stamped(self.now, "eye"), detections=boxes)
             # What belongs to the boxes comes after them.
             self.write("/found", BOXES, message, self.now + 0.01)
             self.transform("/tf", "map", "base_link", BASE, self.now + 0.02)
@@ -93,39 +86,20 @@ class CameraRecorder:
         height, width = metres.shape
         return self.make(
             IMAGE,
-            header=self.messages.header(self.now, "eye"),
+            header=stamped(self.now, "eye"),
             height=height,
             width=width,
             encoding="16UC1",
-            is_bigendian=0,
             step=2 * width,
             data=np.frombuffer(data, np.uint8),
         )
 
     def _framed(self, found: Framed) -> Any:
-        make, box = self.make, found.box
-        point = make("vision_msgs/msg/Point2D", x=box.x, y=box.y)
-        bbox = make(
-            "vision_msgs/msg/BoundingBox2D",
-            center=make("vision_msgs/msg/Pose2D", position=point, theta=0.0),
-            size_x=box.width,
-            size_y=box.height,
-        )
-        nowhere = make(
-            "geometry_msgs/msg/PoseWithCovariance",
-            pose=self.messages.pose(np.zeros(3)),
-            covariance=np.zeros(36),
-        )
-        results = [
-            make(
-                "vision_msgs/msg/ObjectHypothesisWithPose",
-                hypothesis=make("vision_msgs/msg/ObjectHypothesis", class_id=name, score=score),
-                pose=nowhere,
-            )
-            for name, score in found.scores.items()
-        ]
-        header = self.messages.header(self.now, "eye")
-        return make("vision_msgs/msg/Detection2D", header=header, results=results, bbox=bbox, id="")
+        box = found.box
+        center = {"position": {"x": box.x, "y": box.y}}
+        results = [{"hypothesis": {"class_id": k, "score": score}} for k, score in found.scores.items()]
+        bbox = {"center": center, "size_x": box.width, "size_y": box.height}
+        return {"header": stamped(self.now, "eye"), "results": results, "bbox": bbox}
 
 
 def recorded(path: Path, depth: bool = True) -> Path:
@@ -174,8 +148,7 @@ def test_boxes_without_depth_are_skipped_and_said(tmp_path: Path) -> None:
 def in_space(path: Path, mapped: bool) -> Path:
     """A cup, told of in the frame of the camera, while the robot drives; tf comes after what it is for."""
     recorder = CameraRecorder(path)
-    make, messages = recorder.make, recorder.messages
-    cup = make("vision_msgs/msg/ObjectHypothesis", class_id="cup", score=0.9)
+    make = recorder.make
     with recorder.writer:
         recorder.transform("/tf_static", "base_link", "eye", MOUNT, 10.0)
         for step in range(8):
@@ -184,15 +157,11 @@ def in_space(path: Path, mapped: bool) -> Path:
             base[1, 3] += 0.1 * step
             later[1, 3] += 0.1 * (step + 0.2)
             spot = np.linalg.solve(base @ MOUNT, np.append(CUP[1], 1.0))[:3]
-            pose = make(
-                "geometry_msgs/msg/PoseWithCovariance", pose=messages.pose(spot), covariance=np.zeros(36)
-            )
-            found = make("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=cup, pose=pose)
-            size = messages.vector("Vector3", np.full(3, 0.1))
-            box = make("vision_msgs/msg/BoundingBox3D", center=messages.pose(spot), size=size)
-            header = messages.header(now, "eye")
-            one = make("vision_msgs/msg/Detection3D", header=header, results=[found], bbox=box, id="")
-            recorder.write("/found", DETECTIONS, make(DETECTIONS, header=header, detections=[one]), now)
+            found = {"hypothesis": {"class_id": "cup", "score": 0.9}, "pose": {"pose": pose(spot)}}
+            at = stamped(now, "eye")
+            box = {"center": pose(spot), "size": xyz(np.full(3, 0.1))}
+            one = {"header": at, "results": [found], "bbox": box}
+            recorder.write("/found", DETECTIONS, make(DETECTIONS, header=at, detections=[one]), now)
             if mapped:
                 recorder.transform("/tf", "map", "base_link", later, now + 0.2)
     return path

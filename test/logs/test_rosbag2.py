@@ -23,10 +23,13 @@ from whereabouts.logs import (
     LogError,
     LogNotFoundError,
     NothingRecognisedError,
+    Topic,
     UnknownFormatError,
     open_log,
     open_raw,
 )
+from whereabouts.logs.bags.ros_types import decoded
+from whereabouts.system.log_errors import UnreadableTypeError
 
 KINDS = [
     (StoragePlugin.SQLITE3, CompressionMode.NONE),
@@ -317,6 +320,16 @@ def test_an_unknown_type_is_a_counted_skip(tmp_path, jazzy):
         "/json",
         "/none",
     }
+
+
+def test_bytes_may_follow_a_message_and_none_may_be_missing(jazzy):
+    kind = "std_msgs/msg/String"
+    data = bytes(jazzy.store.serialize_cdr(jazzy.string("there"), kind))
+    topic = Topic("/a", kind)
+    assert decoded(topic, data).data == decoded(topic, data + bytes(20)).data == "there"
+    for wrong in (b"", data[:4], data[:7], data[:-2], b"\0\7" + data[2:]):
+        with pytest.raises(UnreadableTypeError):
+            decoded(topic, wrong)
 
 
 def test_what_is_no_bag(tmp_path, bag2, jazzy, entries):

@@ -9,8 +9,8 @@ import pytest
 from estimation.errors import InputError
 from evaluation.demo import recorded
 from evaluation.demo.demo_report import figures, judge, write
+from evaluation.demo.demo_runs import node_parameters
 from evaluation.demo.replay import DemoScript, replay
-from evaluation.demo.running import node_parameters
 from whereabouts.simulation.home.apartment_bag import START, record
 
 SECONDS = 12.0

@@ -20,7 +20,7 @@ from test_world_model import ON_COUNTER, ON_TABLE, World, seen
 from estimation.geometry.places import Places
 from whereabouts.nodes.live import live_actions
 from whereabouts.nodes.live import live_world as live_world_module
-from whereabouts.nodes.live.live_actions import find, forget, goal_for
+from whereabouts.nodes.live.live_actions import act, find, goal_for
 from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError, live_world
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldObject
@@ -49,14 +49,14 @@ def test_the_live_world_is_asked_and_told(
         for words in ("red mugs", "the red cup"):
             goal = goal_for(words, known)
             assert (goal.object_id, goal.class_name, list(goal.predicates)) == ("", "cup", ["red"])
-    assert forget(client, cup).ok
+    assert act(client, "forget", object_id=cup).ok
 
     def forgotten() -> bool:
         with live_world(client) as known:
             return ask(known, "where is the red cup?").value is None
 
     graph.until(forgotten, "a world without the cup")
-    assert not forget(client, "cup-99").ok
+    assert not act(client, "forget", object_id="cup-99").ok
 
 
 def test_without_a_node_it_is_said(client: Client) -> None:
@@ -75,7 +75,7 @@ def test_who_is_not_there_is_not_waited_for_as_long_as_an_answer(
 
     monkeypatch.setattr(Client, "until", until)
     with pytest.raises(NoWorldError, match="nobody offers loop_closure/save_map"):
-        live_actions.save_map(client, "")
+        live_actions.act(client, "save_map", path="")
     assert waited == [PATIENCE]
 
 

@@ -14,7 +14,7 @@ from estimation.metrics.statistics import ospa
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.simulation import Drive, Lidar, joined
 from whereabouts.simulation.movers import outlines
-from whereabouts.simulation.people import Build, SimulatedWalker, positions
+from whereabouts.simulation.walkers import Build, SimulatedWalker, positions
 from whereabouts_msgs.msg import Processed, TargetArray
 from whereabouts_msgs.srv import Reset
 

@@ -31,7 +31,7 @@ from tracking.people.people_sweep import Sweep
 from tracking.people.people_tracker import PeopleTracker
 from tracking.people.person_class import NAMES, ClassModel
 from whereabouts.simulation import Drive, Lidar, box, circle, joined
-from whereabouts.simulation.people import Build, SimulatedWalker
+from whereabouts.simulation.walkers import Build, SimulatedWalker
 
 LIDAR = Lidar(361, np.pi, range_max=12.0, sigma=0.01)
 

@@ -9,8 +9,8 @@ from estimation.errors import InputError
 from evaluation.scenes.people_scenes import PeopleScene
 from registration.laser.scan import Scan
 from tracking import PeopleTracker, PointsTracker, tracker_of
-from whereabouts.simulation.people import Build, SimulatedWalker
 from whereabouts.simulation.shapes import box, circle, joined
+from whereabouts.simulation.walkers import Build, SimulatedWalker
 
 
 def _scene(duration: float = 6.0) -> PeopleScene:

@@ -90,8 +90,10 @@ def test_two_boxes_around_one_thing_are_one_detection() -> None:
             framed(102.0, 20.0, cup=0.9),  # a metre behind
         ]
     )
+    depth = DepthImage(metres)
+    view = CameraView(CAMERA, np.eye(4), depth)
     evidence, refused = reader.boxes(
-        message, SeenFrame(), lambda box, others: located(box, CAMERA, DepthImage(metres), None, others)
+        message, SeenFrame(), view, lambda box, others: located(box, CAMERA, depth, None, others)
     )
     assert not refused
     assert len(evidence.objects) == 4

@@ -8,8 +8,9 @@ prediction = model.predict(partial, horizon=5.0, others=[another], obstacles=poi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from estimation.checks import FloatArray, as_floats, require_positive
 from estimation.errors import InputError
 from tracking.intentions.ghmm import GrowingHmm
 from tracking.intentions.intention_config import IntentionConfig
+from tracking.intentions.intention_storage import read, write
 from tracking.intentions.observations import FASTEST, clean, spaced
 from tracking.intentions.path_errors import LAGS, PathErrors, squared_rates
 from tracking.intentions.prediction import PredictedWay, Prediction, parse_others, path_covariances
@@ -73,6 +75,12 @@ class IntentionModel:
     errors : how far people were from predicted paths.
     """
 
+    _others: ClassVar[dict[str, type[IntentionModel]]] = {}
+
+    def __init_subclass__(cls, method: str) -> None:
+        """Another model, of a method by its name."""
+        cls._others[method] = cls
+
     def __init__(self, config: IntentionConfig | None = None) -> None:
         self.config = config or IntentionConfig()
         self.forces = Forces(**{name: getattr(self.config, name) for name in Forces.__dataclass_fields__})
@@ -88,9 +96,7 @@ class IntentionModel:
     @staticmethod
     def of(config: IntentionConfig) -> IntentionModel:
         """The model of `config.method`: "printed" has the text's own paths."""
-        from tracking.intentions.printed import PrintedModel
-
-        return PrintedModel(config) if config.method == "printed" else IntentionModel(config)
+        return IntentionModel._others.get(config.method, IntentionModel)(config)
 
     def learn(self, trajectory: ArrayLike) -> LearnedIntentions:
         """Learn from one finished trajectory (N, 3) x, y, t.
@@ -170,10 +176,12 @@ class IntentionModel:
         self.hmm.move(moved)
 
     def save(self, path: Path | str, map_id: str = "") -> Path:
-        """Write what was learned, whole or not at all; see `tracking.intentions.intention_storage`."""
-        from tracking.intentions.intention_storage import save
+        """Write what was learned, whole or not at all; `map_id` names the map its frame belongs to.
 
-        return save(self, Path(path), map_id)
+        Returns the path. Raises InputError: the folder does not exist or may not be written.
+        """
+        about = {"map_id": map_id, "learned": self.learned, "config": asdict(self.config)}
+        return write(Path(path), about, self._parts())
 
     @classmethod
     def load(cls, path: Path | str, map_id: str | None = None) -> IntentionModel:
@@ -181,9 +189,17 @@ class IntentionModel:
 
         Raises InputError: no such file, not a saved model, of another version or map, or damaged.
         """
-        from tracking.intentions.intention_storage import load
+        stored = read(Path(path), map_id)
+        with stored.filling():
+            model = cls.of(IntentionConfig(**stored.about["config"]))
+            model.learned = int(stored.about["learned"])
+            for prefix, part in model._parts().items():
+                part.from_arrays(stored.part(prefix))
+        return model
 
-        return load(Path(path), map_id)
+    def _parts(self) -> dict[str, Any]:
+        """What is stored, by the beginnings of its arrays' names; the states of `hmm` need its map."""
+        return {"places_": self.hmm.places, "hmm_": self.hmm, "routes_": self.routes, "errors_": self.errors}
 
     def warm_up(self) -> None:
         """Compile what learning and predicting run, before the first person is there. Nothing is learned."""

@@ -5,38 +5,30 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from estimation.archive import header_of, read_archive
 from estimation.errors import InputError
-from tracking.intentions.intention_config import IntentionConfig
-
-if TYPE_CHECKING:
-    from tracking.intentions.intention_model import IntentionModel
 
 FORMAT = "whereabouts.intentions"
 VERSION = 1
 LARGEST = 1e12
 
 
-def save(model: IntentionModel, path: Path, map_id: str) -> Path:
-    """Write a model; `map_id` names the map its frame belongs to. Returns the path.
+def write(path: Path, about: Mapping[str, Any], parts: Mapping[str, Any]) -> Path:
+    """Write what is said `about` a model, and arrays of its parts by the beginnings of their names. Returns the path.
 
     Raises InputError: the folder does not exist or may not be written.
     """
-    header = {
-        "format": FORMAT,
-        "version": VERSION,
-        "map_id": map_id,
-        "learned": model.learned,
-        "config": asdict(model.config),
-    }
+    header = {"format": FORMAT, "version": VERSION, **about}
     arrays: dict[str, Any] = {"header": np.array(json.dumps(header))}
-    for prefix, part in _parts(model).items():
+    for prefix, part in parts.items():
         arrays |= {f"{prefix}{name}": value for name, value in part.as_arrays().items()}
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -55,10 +47,33 @@ def save(model: IntentionModel, path: Path, map_id: str) -> Path:
     return path
 
 
-def load(path: Path, map_id: str | None) -> IntentionModel:
-    """Read a model written by `save`."""
-    from tracking.intentions.intention_model import IntentionModel
+@dataclass(frozen=True)
+class StoredModel:
+    """What a file holds: what is said `about` the model, and arrays by name."""
 
+    path: Path
+    about: dict[str, Any]
+    arrays: dict[str, Any]
+
+    def part(self, prefix: str) -> dict[str, Any]:
+        """Arrays whose names begin so, without that beginning."""
+        return {n.removeprefix(prefix): a for n, a in self.arrays.items() if n.startswith(prefix)}
+
+    @contextmanager
+    def filling(self) -> Iterator[None]:
+        """While a model is filled. Raises InputError where what was read does not fit it."""
+        try:
+            _check_magnitudes(self.arrays)
+            yield
+        except (KeyError, TypeError, ValueError, IndexError, ArithmeticError, AttributeError) as error:
+            raise InputError(f"{self.path}: is damaged or incomplete ({error})") from error
+
+
+def read(path: Path, map_id: str | None) -> StoredModel:
+    """Read what `write` wrote; with `map_id` it must be of that map.
+
+    Raises InputError: no such file, not a saved model, of another version or map, or damaged.
+    """
     try:
         arrays = read_archive(path)
         header = header_of(arrays, "header")
@@ -75,24 +90,11 @@ def load(path: Path, map_id: str | None) -> IntentionModel:
         raise InputError(f"{path}: has version {version}; this program reads version {VERSION}: learn anew")
     if map_id is not None and learned_in != map_id:
         raise InputError(f"{path}: was learned in map {learned_in!r}, not {map_id!r}")
-    try:
-        _check_magnitudes(arrays)
-        model = IntentionModel.of(IntentionConfig(**header["config"]))
-        model.learned = int(header["learned"])
-        for prefix, part in _parts(model).items():
-            part.from_arrays({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
-    except (KeyError, TypeError, ValueError, IndexError, ArithmeticError, AttributeError) as error:
-        raise InputError(f"{path}: is damaged or incomplete ({error})") from error
-    return model
-
-
-def _parts(model: IntentionModel) -> dict[str, Any]:
-    """What is stored, by the beginnings of its arrays' names; the states of `hmm` need its map."""
-    return {"places_": model.hmm.places, "hmm_": model.hmm, "routes_": model.routes, "errors_": model.errors}
+    return StoredModel(path, header, arrays)
 
 
 def is_saved_model(path: Path) -> bool:
-    """Whether a file says of itself that `save` wrote it."""
+    """Whether a file says of itself that `write` wrote it."""
     try:
         return bool(header_of(read_archive(path), "header").get("format") == FORMAT)
     except ValueError:

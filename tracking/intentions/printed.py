@@ -18,7 +18,7 @@ from tracking.prediction.social_forces_printed import Acceleration, PrintedForce
 RECENT = 25  # observations that the filter runs over; older ones say nothing of the velocity any more
 
 
-class PrintedModel(IntentionModel):
+class PrintedModel(IntentionModel, method="printed"):
     """`IntentionModel` with the text's two steps; learns as the plain GHMM does.
 
     Other people go on as they are while one is predicted. Before anything is learned the goal is straight ahead, as

@@ -117,18 +117,19 @@ class Knowledge:
 
         In a store file also where a node writes to it too.
         """
-        with self._lock:
-            if self.path is not None:
+        if self.path is not None:
+            with self._lock:
                 return True, self._correct(self.path, tool, object_id, class_name)
-            client = self.client()
-            from whereabouts.nodes.live import live_actions
+        more = {"relabel": {"class_name": class_name}, "verify_object": {"requester": "a question"}}
+        return self.act(tool, object_id=object_id, **more.get(tool, {}))
 
-            if tool == "forget":
-                done = live_actions.forget(client, object_id)
-            elif tool == "relabel":
-                done = live_actions.relabel(client, object_id, class_name)
-            else:
-                done = live_actions.verify(client, object_id)
+    def act(self, name: str, **fields: Any) -> tuple[bool, str]:
+        """Have the running suite do something: whether it is done, and a sentence; as `live_actions.act`."""
+        with self._lock:
+            client = self.client()
+            from whereabouts.nodes.live.live_actions import act
+
+            done = act(client, name, **fields)
             return done.ok, done.sentence
 
     def _correct(self, path: Path, tool: str, object_id: str, class_name: str) -> str:

@@ -69,8 +69,8 @@ def convert(
     where it occurs first.
     """
     from estimation.errors import InputError
+    from whereabouts.logs.format_detection import detect
     from whereabouts.logs.log_conversion import convert_log
-    from whereabouts.logs.opening import detect
     from whereabouts.system.log_errors import WriteError
     from whereabouts.system.progress import share_bar
 

@@ -15,15 +15,15 @@ from whereabouts.cli.common import option
 from whereabouts.cli.console import console
 from whereabouts.cli.convert import convert
 from whereabouts.cli.mcp import mcp
-from whereabouts.cli.odometry import odometry
+from whereabouts.cli.odometry_command import odometry
 from whereabouts.cli.robot_setup import doctor, parameters, security, setup
 from whereabouts.cli.run import run
 from whereabouts.cli.segment import segment
 from whereabouts.cli.short import find, forget, load_map, save_map
-from whereabouts.cli.slam import merge, slam
+from whereabouts.cli.slam_command import merge, slam
 from whereabouts.cli.track import track
-from whereabouts.cli.view import view
-from whereabouts.cli.world import world
+from whereabouts.cli.view_command import view
+from whereabouts.cli.world_command import world
 from whereabouts.system.interrupts import listen_to_interrupts
 
 # What to install for a package that is missing, by the package. ROS's own are told apart by their names.
@@ -56,7 +56,7 @@ def _lacking() -> NoReturn:
 def _add_of_evaluation(name: str) -> None:
     """A command that comes with the experiments; without them it says what to install."""
     try:
-        module = importlib.import_module(f"evaluation.cli.{name}")
+        module = importlib.import_module(f"evaluation.cli.{name}_command")
     except ModuleNotFoundError:
         app.command(name, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})(
             _lacking

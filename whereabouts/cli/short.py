@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -13,7 +15,6 @@ from whereabouts.cli.common import Namespace, argument, option
 
 if TYPE_CHECKING:
     from whereabouts.agents.knowledge import Knowledge
-    from whereabouts.nodes.live.live_actions import Done
 
 Named = Annotated[list[str], argument("NAME", 'An id ("cup-3"), a class, or a colour and a class.')]
 MapPath = Annotated[
@@ -26,19 +27,14 @@ def find(name: Named, store: StoreFile = None, namespace: Namespace = "") -> Non
 
     Exit status: 0 found, 1 not found, 2 no store and nobody who searches.
     """
-    from estimation.errors import WhereaboutsError
-    from whereabouts.agents.knowledge import Knowledge
     from world_model.questions import answered, where_to_look
 
     words = " ".join(name)
     if store is None:
         _live(namespace, lambda knowledge: _found(knowledge, words))
         return
-    try:
-        with Knowledge(store) as knowledge:
-            answer = knowledge.ask(lambda world: answered(world, lambda known: where_to_look(known, words)))
-    except WhereaboutsError as error:
-        _end(2, f"whereabouts: {error}")
+    with _stored(store, failure=2) as knowledge:
+        answer = knowledge.ask(lambda world: answered(world, lambda known: where_to_look(known, words)))
     typer.echo(answer.sentence)
     if answer.value is None:
         sys.exit(1)
@@ -58,18 +54,12 @@ def _found(knowledge: Knowledge, words: str) -> tuple[bool, str]:
 
 def forget(name: Named, store: StoreFile = None, namespace: Namespace = "") -> None:
     """Take an object out of the world for good; its history stays. With --store: out of that file."""
-    from estimation.errors import WhereaboutsError
-    from whereabouts.agents.knowledge import Knowledge
-
     words = " ".join(name)
     if store is None:
         _live(namespace, lambda knowledge: _forgotten(knowledge, words))
         return
-    try:
-        with Knowledge(store) as knowledge:
-            _, sentence = _forgotten(knowledge, words)
-    except WhereaboutsError as error:
-        _end(1, f"whereabouts: {error}")
+    with _stored(store, failure=1) as knowledge:
+        _, sentence = _forgotten(knowledge, words)
     typer.echo(sentence)
 
 
@@ -81,7 +71,7 @@ def _forgotten(knowledge: Knowledge, words: str) -> tuple[bool, str]:
 
 def save_map(path: MapPath = "", namespace: Namespace = "") -> None:
     """Have the running node loop_closure write its map."""
-    _of_map(namespace, lambda actions, client: actions.save_map(client, path))
+    _live(namespace, lambda knowledge: knowledge.act("save_map", path=path))
 
 
 def load_map(
@@ -90,19 +80,21 @@ def load_map(
     namespace: Namespace = "",
 ) -> None:
     """Have the running node loop_closure read a map and localise in it."""
-    _of_map(namespace, lambda actions, client: actions.load_map(client, path, extend))
+    asked = {"path": path, "localization_only": not extend}
+    _live(namespace, lambda knowledge: knowledge.act("load_map", **asked))
 
 
-def _of_map(namespace: str, call: Callable[[Any, Any], Done]) -> None:
-    """call : given `whereabouts.nodes.live.live_actions`, which needs ROS, and a client."""
+@contextmanager
+def _stored(store: Path, failure: int) -> Iterator[Knowledge]:
+    """What a store knows; ends with the status `failure` where something is wrong with it."""
+    from estimation.errors import WhereaboutsError
+    from whereabouts.agents.knowledge import Knowledge
 
-    def act(knowledge: Knowledge) -> tuple[bool, str]:
-        from whereabouts.nodes.live import live_actions
-
-        done = call(live_actions, knowledge.client())
-        return done.ok, done.sentence
-
-    _live(namespace, act)
+    try:
+        with Knowledge(store) as knowledge:
+            yield knowledge
+    except WhereaboutsError as error:
+        _end(failure, f"whereabouts: {error}")
 
 
 def _live(namespace: str, call: Callable[[Knowledge], tuple[bool, str]]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -83,6 +83,7 @@ def track(
     """
     from tracking.people.scan_filters import tracker_of
     from whereabouts.parameter_file import settings_for
+    from whereabouts.system.atomic import write_csv
 
     every = targets is Targets.all
     people = None if params is None else settings_for(params, "target_tracker").people
@@ -98,7 +99,7 @@ def track(
         log.require(len(stamps), "scans")
     elapsed = time.perf_counter() - started
     if out is not None:
-        _write(out, (*COLUMNS, *OF_ALL) if every else COLUMNS, rows)
+        write_csv(out, (*COLUMNS, *OF_ALL) if every else COLUMNS, rows)
     scans, labels, most = len(stamps), len({row[1] for row in rows}), max(counts)
     duration = stamps[-1] - stamps[0]
     told = counted(labels, "target") if every else counted(labels, "person", "people")
@@ -130,12 +131,3 @@ def _row(scan: TrackedScan, target: Any, frame: TrackedFrame, every: bool) -> li
     state = scan.in_laser(target) if frame is TrackedFrame.laser else target.mean
     numbers = (*state, target.weight, *(getattr(target, name) for name in OF_ALL if every))
     return [f"{scan.stamp:.9f}", str(target.label), *(f"{value:.4f}" for value in numbers)]
-
-
-def _write(path: Path, columns: Sequence[str], rows: list[list[str]]) -> None:
-    import csv
-
-    from whereabouts.system.atomic import atomic_path
-
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([columns, *rows])

@@ -3,8 +3,8 @@
 from whereabouts.logs.bags.ros import RawLog, RawMessage, RosLog, open_raw
 from whereabouts.logs.bags.storage import Qos, Topic
 from whereabouts.logs.formats.carmen import CarmenLog
-from whereabouts.logs.formats.g2o import G2oEdge, G2oGraph, G2oLog, read_g2o, write_g2o
-from whereabouts.logs.formats.tum import Trajectory, TumWriter, read_tum, write_tum
+from whereabouts.logs.formats.g2o import G2oLog
+from whereabouts.logs.formats.tum import Trajectory, read_tum, write_tum
 from whereabouts.logs.log import Log
 from whereabouts.logs.log_conversion import Conversion, convert_log
 from whereabouts.logs.opening import open_log
@@ -31,10 +31,10 @@ from whereabouts.system.log_errors import (
 )
 
 __all__ = [
-    "CarmenLog", "CloudRecord", "Conversion", "DamagedLogError", "EmptyLogError", "G2oEdge", "G2oGraph",
-    "G2oLog", "Log", "LogError", "LogNotFoundError", "McapWriter", "MessageRecord",
+    "CarmenLog", "CloudRecord", "Conversion", "DamagedLogError", "EmptyLogError", "G2oLog",
+    "Log", "LogError", "LogNotFoundError", "McapWriter", "MessageRecord",
     "NothingRecognisedError", "OdometryRecord", "OversizedLogError", "Qos", "RawLog", "RawMessage",
     "Record", "RosLog", "ScanRecord", "Summary", "Topic", "Trajectory", "TrajectoryError",
-    "TransformRecord", "TumWriter", "UnknownFormatError", "WriteError", "convert_log", "open_log",
-    "open_raw", "read_g2o", "read_tum", "write_g2o", "write_tum",
+    "TransformRecord", "UnknownFormatError", "WriteError", "convert_log", "open_log",
+    "open_raw", "read_tum", "write_tum",
 ]  # fmt: skip

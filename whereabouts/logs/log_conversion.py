@@ -17,8 +17,9 @@ from typing import TypeVar
 from estimation.errors import InputError
 from whereabouts.logs.bags.encode import CLOUD_TYPE, ODOMETRY_TYPE, SCAN_TYPE, nanoseconds
 from whereabouts.logs.bags.ros import RawLog, open_raw
+from whereabouts.logs.format_detection import detect
 from whereabouts.logs.log import Log
-from whereabouts.logs.opening import detect, open_log
+from whereabouts.logs.opening import open_log
 from whereabouts.logs.summary import Summary
 from whereabouts.logs.writer import McapWriter
 from whereabouts.messages.message_rotations import planar_matrix

@@ -13,7 +13,6 @@ from typing import ClassVar
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import OccupancyGrid as GridMessage
 from nav_msgs.msg import Odometry as OdometryMessage
 from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan, PointCloud2
@@ -22,7 +21,7 @@ from estimation.errors import InputError
 from estimation.geometry.poses import compound, pose_from_matrix, pose_to_matrix
 from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.loop_closure_warm_up import warm_up
-from loop_closure.slam.trajectory import Slam, SlamUpdate
+from loop_closure.slam.trajectory import SlamUpdate
 from registration.laser.mounting import level_pose, seen_from_robot, upright
 from registration.laser.scan import Scan
 from whereabouts.nodes.mapping.map_editing import MapEditing
@@ -82,10 +81,10 @@ class LoopClosureNode(SuiteNode):
         self._map = MapInUse(self, self._for_tf, self.aside)
         self._publisher = MapPublisher(self, self._map)
         self._transform = MapTransform(self, self._map)
-        files = MapFiles(self, self._map, self.finish_work)
-        self._editing = MapEditing(self)
+        files = MapFiles(self, self._map, self._finish_work)
+        self._editing = MapEditing(self, self._map, self._publisher, self._transform)
         if settings.nav2_services:
-            Nav2Maps(self, files)
+            Nav2Maps(self, files, self._publisher, self._look_anew)
         self.add_timer(settings.tf_period, self._transform.repeat)
         self.add_timer(settings.tf_period, self._catch_up)
         self.add_timer(settings.map_period, self._publisher.send)
@@ -229,35 +228,14 @@ class LoopClosureNode(SuiteNode):
         self._take_update(self._map.slam.work())
         self._map.take_correction()
 
-    # What a person does to the map; see `MapEditing`.
-
-    @property
-    def slam(self) -> Slam:
-        """The map in use."""
-        return self._map.slam
-
-    @property
-    def extends(self) -> bool:
-        """Whether scans are added to the map."""
-        return self._map.localizer is None
-
-    def map_now(self) -> GridMessage:
-        """The map with all that is known. Raises InputError where there is none yet."""
-        return self._publisher.message(self.now if self._map.stamp is None else self._map.stamp)
-
-    def map_edited(self, before: Array) -> None:
-        """Publish everything anew. The robot goes with the last keyframe, `before` being its pose until now."""
-        if self._map.edited(before):
-            self._transform.publish()
-
-    def look_anew(self) -> None:
+    def _look_anew(self) -> None:
         """Look for the robot in the whole map. Raises InputError where there is none yet."""
         if not len(self._map.slam.keyframes):
             raise InputError("there is no map yet")
-        self.finish_work()
+        self._finish_work()
         self._map.look_anew()
 
-    def finish_work(self) -> None:
+    def _finish_work(self) -> None:
         """Do all that scans have left over."""
         while self._map.slam.behind:
             self._take_update(self._map.slam.work())

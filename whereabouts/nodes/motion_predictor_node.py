@@ -42,7 +42,7 @@ from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.qos import EVENTS, LATCHED
 from whereabouts.parameters.motion_predictor import MotionPredictorParameters
 from whereabouts.system.counting import counted
-from whereabouts.system.state_files import StateFiles, keep_foreign
+from whereabouts.system.state_files import keep_foreign
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.srv import LoadState, Reset, SaveState
 
@@ -214,8 +214,7 @@ class MotionPredictorNode(SuiteNode):
         return f"{self._learned()} loaded"
 
     def _path(self, request: Any, making: bool = False) -> Path:
-        files = StateFiles(self.settings.state_dir, self.settings.allowed_folders)
-        return files.named(request.path, self.settings.model_path, making)
+        return self.settings.files.named(request.path, self.settings.model_path, making)
 
 
 def main() -> None:

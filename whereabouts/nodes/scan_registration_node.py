@@ -34,14 +34,15 @@ from registration.odometry.pace import Pace
 from registration.odometry.wheel_history import WheelHistory
 from registration.registration_warm_up import warm_up, warm_up_segmenter
 from whereabouts.nodes.messages.conversions import (
+    PLANAR,
     cloud_message,
     fill_pose,
     points_from_message,
+    pose_from_message,
     scan_from_message,
     segments_message,
     spatial,
     spatial_covariance,
-    wheel_pose,
 )
 from whereabouts.nodes.messages.frame_owner import FrameOwner
 from whereabouts.nodes.messages.markers import vector
@@ -132,7 +133,7 @@ class ScanRegistrationNode(SuiteNode):
         return [(self.settings.base_frame, message.header.frame_id)]
 
     def _take_wheels(self, message: OdometryMessage, stamp: int) -> None:
-        self._wheels.insert(stamp, wheel_pose(message))
+        self._wheels.insert(stamp, pose_from_message(message.pose.pose)[PLANAR])
 
     def _check_age(self, item: Input, stamp: int) -> None:
         """The robot has gone on since an old scan was taken."""

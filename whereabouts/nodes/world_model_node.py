@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from vision_msgs.msg import Detection2DArray, Detection3DArray
 
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.messages.transforms import check_frame, frame_name
-from whereabouts.nodes.messages.world_messages import by_id
 from whereabouts.nodes.messages.world_reading import paths_from_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
@@ -29,12 +27,11 @@ from whereabouts.nodes.world.seen_frames import SeenFrames
 from whereabouts.nodes.world.world_publisher import WorldPublisher
 from whereabouts.nodes.world.world_services import WorldServices
 from whereabouts.parameters.world_model import WorldModelParameters
-from whereabouts.recorded.camera_messages import box_from_message
 from whereabouts.recorded.evidence_messages import PERSON, Reader, most_probably
 from whereabouts.system.counting import counted
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.msg import WorldEvidence as EvidenceMessage
-from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldObject, WorldState
+from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldState
 from world_model.memory.store import RETRY, Store
 from world_model.predictions import Path
 from world_model.queries import Words
@@ -59,9 +56,9 @@ class WorldModelNode(SuiteNode):
         settings = self.settings
         config, symbols = settings.world, settings.symbols
         places = settings.places
-        self.map_frame = frame_name(settings.map_frame)
+        map_frame = frame_name(settings.map_frame)
         if places:
-            check_frame("places_file", places.frame, self.map_frame)
+            check_frame("places_file", places.frame, map_frame)
         store = Store(settings.store_path) if settings.store_path else None
         # Nobody asks the node to look back.
         self._model = WorldModel(config, places, store, looks_back=False)
@@ -70,14 +67,13 @@ class WorldModelNode(SuiteNode):
             store.watch()
             self.add_timer(RETRY, self._write_again)
         self._model.words = Words(places, symbols)
-        self._shown: list[WorldObject] = []
         self._damages_told = 0
         self._report_store()
         known = {"class": config.classes, "color": config.colors}
         names, numbers = (*known, *config.attributes), tuple(config.quantities)
         self._reader = Reader(known, names, config.measurement_sigma, symbols, numbers)
         self.listen_to_transforms(on_demand=True)
-        self._seen = SeenFrames(self, self.map_frame)
+        self._seen = SeenFrames(self, map_frame)
         self.add_input(
             EvidenceMessage,
             "evidence",
@@ -85,14 +81,14 @@ class WorldModelNode(SuiteNode):
             frames=self._seen.wanted,
             qos=EVENTS,
         )
-        self.camera = CameraDoor(self, self._take_boxes, self._take_detections)
+        self.camera = CameraDoor(self, map_frame, store, self._take_boxes, self._take_detections)
         self.add_input(TargetArray, "targets", self._take_targets, frames=self._seen.wanted, qos=EVENTS)
         # A prediction reaches ahead: what it is made of may be older than what other inputs have brought.
         self.add_input(
             PredictedPathArray, "predicted_paths", self._take_paths, frames=self._seen.wanted, sensor=False
         )
-        self._output = WorldPublisher(self, self.map_frame, self._model.words)
-        WorldServices(self)
+        self._output = WorldPublisher(self, map_frame, self._model)
+        WorldServices(self, self._output, self.camera)
 
     def start_run(self) -> None:
         if self._configured:
@@ -111,7 +107,6 @@ class WorldModelNode(SuiteNode):
     def _forget_live(self) -> None:
         self._seen.pose = None
         self._output.begin()
-        self.stamp = 0
         self._updates = 0
         self._durations: deque[float] = deque(maxlen=500)
         self._targets_at: int | None = None
@@ -131,12 +126,12 @@ class WorldModelNode(SuiteNode):
         result = super().on_activate(state)
         if self.active and np.isfinite(self.model.stamp):
             # What was remembered is known before anything is seen.
-            self._publish(self.model.propagate(self.model.stamp), round(self.model.stamp * NANOSECONDS))
+            self._output.send(self._output.now_known(), round(self.model.stamp * NANOSECONDS))
         return result
 
     def _close(self) -> None:
         if self._configured:
-            self.camera.keep(self.stamp, now=True)
+            self.camera.keep(self._output.stamp, now=True)
         self.model.close()
         self._model, self._configured = None, False
 
@@ -187,7 +182,7 @@ class WorldModelNode(SuiteNode):
         if evidence.objects or evidence.sensor is not None or not missing:
             self._update(evidence, stamp)
         for object_id in missing:
-            self._publish(self.model.report(object_id, "not_found", stamp / NANOSECONDS), stamp)
+            self._output.send(self.model.report(object_id, "not_found", stamp / NANOSECONDS), stamp)
 
     def _take_detections(self, message: Detection3DArray, stamp: int) -> None:
         evidence = self._reader.detections(message, self._seen.of(message, stamp))
@@ -202,12 +197,10 @@ class WorldModelNode(SuiteNode):
         assert lens is not None
         frame = self._seen.at(lens[0], stamp)
         view = self.camera.view(lens, stamp, frame)
-        evidence, refused = self._reader.boxes(message, frame, self.camera.placing(view))
-        for reason in refused.values():
+        evidence, refused = self._reader.boxes(message, frame, view, self.camera.placing(view))
+        for reason in refused:
             self.complain(f"a detection has no place and is ignored: {reason}", key="boxes")
         self.camera.unplaced += len(refused)
-        taken = tuple(box_from_message(message.detections[index].bbox) for index in refused)
-        evidence.view = replace(view, taken=taken)
         evidence.blocked = self.camera.says_nothing(view, stamp, lens[0])
         self._update(self._of_things(evidence), stamp)
 
@@ -238,10 +231,10 @@ class WorldModelNode(SuiteNode):
 
     def _plausible(self, item: ObjectEvidence, stamp: int) -> bool:
         """Whether a target can be the object its label was before: labels are mixed up now and then."""
-        known = next((other for other in self._shown if other.id == item.object_id), None)
+        known = next((other for other in self._output.shown if other.id == item.object_id), None)
         if known is None or known.lost:
             return False
-        since = max((stamp - self.stamp) / NANOSECONDS, 0.0)
+        since = max((stamp - self._output.stamp) / NANOSECONDS, 0.0)
         apart = float(np.hypot(*(np.asarray(item.position) - known.position)[:2]))
         return apart < HINT_DISTANCE + WALKING_SPEED * since
 
@@ -274,7 +267,7 @@ class WorldModelNode(SuiteNode):
         self._durations.append(time.perf_counter() - begun)
         self._updates += 1
         self._report_store()
-        self._publish(state, stamp)
+        self._output.send(state, stamp)
         return state
 
     def _write_again(self) -> None:
@@ -291,23 +284,6 @@ class WorldModelNode(SuiteNode):
         for damage in store.damages[self._damages_told :]:
             self.complain(damage, key=damage)
         self._damages_told = len(store.damages)
-
-    # What is published.
-
-    def _publish(self, state: WorldState, stamp: int) -> None:
-        self.stamp = stamp if state.stamp <= stamp / NANOSECONDS else round(state.stamp * NANOSECONDS)
-        self._shown = by_id(state.objects)
-        self._output.send(state, self._shown, self.stamp, self.model)
-
-    def now_known(self) -> WorldState:
-        """The most probable world as it is."""
-        if not np.isfinite(self.model.stamp):
-            return WorldState((), 1.0, 0.0, 0.0, self.model.epoch)
-        return self.model.propagate(self.model.stamp)
-
-    def after_change(self) -> None:
-        """Somebody has corrected the world: say how it is now."""
-        self._publish(self.now_known(), self.stamp)
 
 
 def main() -> None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from estimation.errors import InputError
+from whereabouts.system.state_files import StateFiles
 
 Config = TypeVar("Config")
 
@@ -69,6 +72,18 @@ class NodeParameters(BaseModel):
         1.0, "time between diagnostics", unit="s", ge=0.1, le=60.0, fixed=True
     )
 
+    @model_validator(mode="after")
+    def together(self) -> Self:
+        """What is only known of all of them."""
+        try:
+            self.check()
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def check(self) -> None:
+        """Raises InputError where they do not fit together."""
+
     def config_of(self, kind: type[Config], **given: Any) -> Config:
         """A library's settings: those that are parameters, and what is given, on its defaults."""
         names = {item.name for item in fields(kind)} & type(self).model_fields.keys()  # type: ignore[arg-type]
@@ -106,6 +121,11 @@ class FileParameters(NodeParameters):
     allowed_folders: list[str] = setting(
         [""], "services may name absolute paths below these folders only; [''] allows none", fixed=True
     )
+
+    @property
+    def files(self) -> StateFiles:
+        """What services may name."""
+        return StateFiles(self.state_dir, self.allowed_folders)
 
 
 class SharedParameters(FileParameters, BaseFrame, OdomFrame, MapFrame):

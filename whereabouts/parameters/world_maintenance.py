@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from pydantic import model_validator
 
 from estimation.errors import InputError
 from whereabouts.parameters.parameter_base import BaseFrame, MapFrame, setting, setting_of
@@ -48,20 +47,15 @@ class WorldMaintenanceParameters(MapFrame, BaseFrame):
     rate: float = setting(1.0, "decisions per second", unit="Hz", ge=0.05, le=20.0, fixed=True)
     verify_timeout: float = setting(5.0, "time limit for the verifier", unit="s", ge=0.1, le=120.0)
 
-    @model_validator(mode="after")
-    def together(self) -> WorldMaintenanceParameters:
-        """Lists of one length, and what the library says about all of them."""
+    def check(self) -> None:
+        """Raises InputError: lists of several lengths, and for what the library says about all of them."""
         count = len(self.sensors)
         for name in ("sensor_range_min", "sensor_range_max", "sensor_sigma"):
             if len(getattr(self, name)) != count:
-                raise ValueError(f"{name}: {count} numbers expected, one for each of sensors")
+                raise InputError(f"{name}: {count} numbers expected, one for each of sensors")
         if len(self.class_names) != len(self.class_values):
-            raise ValueError("class_names, class_values: as many of one as of the other expected")
-        try:
-            _ = self.maintenance, self.sensor_models
-        except InputError as error:
-            raise ValueError(str(error)) from error
-        return self
+            raise InputError("class_names, class_values: as many of one as of the other expected")
+        _ = self.maintenance, self.sensor_models
 
     @property
     def maintenance(self) -> MaintenanceConfig:

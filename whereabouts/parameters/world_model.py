@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import field_validator, model_validator
+from pydantic import field_validator
 
 from estimation.errors import InputError
 from estimation.geometry.places import Places
@@ -85,14 +85,9 @@ class WorldModelParameters(MapFrame, BaseFrame, FileParameters):
             raise ValueError("six numbers expected: x from, x to, y from, y to, z from, z to")
         return region
 
-    @model_validator(mode="after")
-    def together(self) -> WorldModelParameters:
-        """What the library says about all of them."""
-        try:
-            _ = self.world
-        except InputError as error:
-            raise ValueError(str(error)) from error
-        return self
+    def check(self) -> None:
+        """Raises InputError for what the library says about all of them."""
+        _ = self.world
 
     @property
     def world(self) -> WorldModelConfig:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from whereabouts.messages.records import strip_slash
 from whereabouts.recorded.camera_messages import (
     TOLERANCE,
     Cameras,
-    box_from_message,
     check_depth,
     depth_from_message,
 )
@@ -88,23 +87,20 @@ class CameraLog:
             with suppress(*[TransformError] * last):
                 then = self.transforms.lookup(settings.map_frame, frame, at)
                 turned = np.asarray(np.linalg.solve(then, pose))
-        view = CameraView(camera, pose, depth, None, settings.pose_covariance, robot.origin, self.rates)
-        evidence, refused = self._reader.boxes(
-            message, robot, lambda box, others: located(box, camera, depth, turned, others)
+        view = CameraView(
+            camera, pose, depth, None, robot.pose_covariance, robot.origin, self.rates, turned=turned
         )
-        taken = tuple(box_from_message(message.detections[index].bbox) for index in refused)
-        evidence.view = replace(view, taken=taken, turned=turned)
+        evidence, _ = self._reader.boxes(
+            message, robot, view, lambda box, others: located(box, camera, depth, turned, others)
+        )
         evidence.blocked = self._lenses.repeats(frame, stamp)
         return evidence
 
     def placed(self, frame: str, stamp: int) -> SeenFrame:
         """A frame on the robot in the map, by tf. Raises TransformError."""
         settings = self._settings
-        matrix = self.transforms.lookup(settings.map_frame, frame, stamp)
-        origin = matrix[:2, 3]
-        with suppress(TransformError):  # a camera may stand by itself
-            origin = self.transforms.lookup(settings.map_frame, settings.base_frame, stamp)[:2, 3]
-        return SeenFrame(matrix, origin, settings.pose_covariance)
+        frames = settings.map_frame, settings.base_frame
+        return SeenFrame.placed(self.transforms, frames, frame, stamp, settings.pose_covariance)
 
     def _depth(self, frame: str, camera: CameraModel, stamp: int) -> tuple[DepthImage, int]:
         """The depth image of detections, and its stamp, ns."""

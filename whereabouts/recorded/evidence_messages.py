@@ -6,8 +6,8 @@ Messages are taken by their fields only, so that those of a live graph and those
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,11 @@ import numpy.typing as npt
 
 from estimation.conversion.uncertain_frame import through_uncertain_pose
 from estimation.errors import InputError
+from estimation.geometry.frame_tree import TransformError
 from estimation.geometry.rotations import rotation_from_quaternion
 from whereabouts.recorded.camera_messages import box_from_message
 from world_model import ObjectEvidence, WorldEvidence
-from world_model.camera import ImageBox, LocatedBox, overlap
+from world_model.camera import CameraView, ImageBox, LocatedBox, overlap
 from world_model.symbols import Gaussian, Symbols, default_symbols
 
 Array = npt.NDArray[np.float64]
@@ -48,6 +49,17 @@ class SeenFrame:
     matrix: Array = field(default_factory=lambda: np.eye(4))
     origin: Array | None = None
     pose_covariance: Array | None = None
+
+    @classmethod
+    def placed(
+        cls, transforms: Any, frames: tuple[str, str], frame: str, stamp: int, pose_covariance: Array | None
+    ) -> SeenFrame:
+        """A frame on the robot at a stamp, ns, by tf. frames : of map and robot. Raises TransformError."""
+        matrix = transforms.lookup(frames[0], frame, stamp)
+        origin = matrix[:2, 3]
+        with suppress(TransformError):  # a camera may stand by itself
+            origin = transforms.lookup(*frames, stamp)[:2, 3]
+        return cls(matrix, origin, pose_covariance)
 
     def position(self, position: Array, covariance: Array) -> tuple[Array, Array]:
         """Position (3,) and covariance (3, 3) in the world; the covariance is turned, the robot's is added."""
@@ -102,15 +114,19 @@ class Reader:
         return WorldEvidence(objects)
 
     def boxes(
-        self, message: Any, frame: SeenFrame, place: Callable[[ImageBox, Sequence[ImageBox]], LocatedBox]
-    ) -> tuple[WorldEvidence, dict[int, str]]:
-        """A vision_msgs/Detection2DArray, and why detections could not be placed, by index.
+        self,
+        message: Any,
+        frame: SeenFrame,
+        view: CameraView,
+        place: Callable[[ImageBox, Sequence[ImageBox]], LocatedBox],
+    ) -> tuple[WorldEvidence, list[str]]:
+        """A vision_msgs/Detection2DArray of a view, and why detections could not be placed.
 
         frame : of the camera. place : where in it the object in a box is, among the other boxes.
 
         Raises InputError for words and numbers that make no sense.
         """
-        objects, refused = [], {}
+        objects, refused, taken = [], [], []
         framed: list[tuple[ImageBox, LocatedBox, dict[str, dict[str, float]]]] = []
         boxes = [box_from_message(item.bbox) for item in message.detections]
         for index, (box, item) in enumerate(zip(boxes, message.detections, strict=True)):
@@ -120,14 +136,17 @@ class Reader:
                 try:
                     framed.append((box, place(box, others), attributes))
                 except InputError as error:
-                    refused[index] = f"detections[{index}]: {error}"
+                    refused.append(f"detections[{index}]: {error}")
+                    taken.append(box)
         for found, attributes in _things(framed):
             position, turned = frame.position(found.position, found.covariance)
             # Seen from one side it is taken to be as deep as it is wide.
             extent = _measured(np.array([found.width, found.width, found.height]))
             words, numbers = self._with_symbols(attributes, extent)
             objects.append(ObjectEvidence(position, turned, words, quantities=numbers))
-        return WorldEvidence(objects), refused
+        evidence = WorldEvidence(objects)
+        evidence.view = replace(view, taken=tuple(taken))
+        return evidence, refused
 
     def targets(
         self, message: Any, frame: SeenFrame, ids: Mapping[int, str]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.geometry.poses import between, compound, inverse, pose_to_matrix
+from registration.laser.scan import Scan
 from registration.odometry.follower import Odometry
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.wheel_history import NANOSECONDS, WheelHistory
@@ -33,6 +34,18 @@ class FollowedPose:
     wheels: Array | None
     record: ScanRecord | CloudRecord
     covariance: Array
+
+    @property
+    def view(self) -> Scan | Array:
+        """What was seen: a scan, or points (N, 3)."""
+        return self.record.scan if isinstance(self.record, ScanRecord) else self.record.points
+
+    @property
+    def mount(self) -> Array | None:
+        """(3,) of the scanner on the robot; None for clouds, which are followed as they are."""
+        if isinstance(self.record, CloudRecord):
+            return None
+        return np.zeros(3) if self.record.sensor_pose is None else np.asarray(self.record.sensor_pose)
 
 
 class Follower:

@@ -17,7 +17,7 @@ from loop_closure.maps.map_grid import MapGrid
 from loop_closure.slam.trajectory import Slam
 from loop_closure.slam_config import Proposals, SlamConfig
 from registration.odometry.odometry_config import OdometryConfig
-from whereabouts.logs import CloudRecord, Log
+from whereabouts.logs import Log
 from whereabouts.messages.message_rotations import to_plane
 from whereabouts.recorded.follow import FollowedPose, follow
 from whereabouts.system.atomic import atomic_path
@@ -62,18 +62,14 @@ def map_log(
 
 def add(mapped: Mapped, followed: FollowedPose) -> None:
     """One more scan."""
-    record = followed.record
+    mount, sensor = followed.mount, followed.pose
     mapped.stamps.append(followed.stamp)
     mapped.odometry.append(followed.pose)
-    if isinstance(record, CloudRecord):
-        mapped.mounts.append(None)
-        mapped.slam.process(record.points, followed.pose, followed.covariance, followed.stamp)
-        return
-    mount = np.zeros(3) if record.sensor_pose is None else np.asarray(record.sensor_pose)
     mapped.mounts.append(mount)
-    # The map is made in the frame the sensor started in: there its scans need no mounting.
-    sensor = compound(compound(inverse(mount), followed.pose), mount)
-    mapped.slam.process(record.scan, sensor, followed.covariance, followed.stamp)
+    if mount is not None:
+        # The map is made in the frame the sensor started in: there its scans need no mounting.
+        sensor = compound(compound(inverse(mount), sensor), mount)
+    mapped.slam.process(followed.view, sensor, followed.covariance, followed.stamp)
 
 
 def finish(mapped: Mapped) -> None:
@@ -121,18 +117,14 @@ def locate_log(
     """
     located, localizer = LocatedLog(), Localizer(places.keyframes, places.graph.poses)
     for followed in follow(log, use_wheels=use_wheels, topic=topic):
-        record = followed.record
-        if isinstance(record, CloudRecord):
-            if initial is not None and not located.stamps:
-                localizer.place(initial)
-            found = localizer.process(record.points, followed.pose)
-            pose = found.pose
-        else:
-            mount = np.zeros(3) if record.sensor_pose is None else np.asarray(record.sensor_pose)
-            if initial is not None and not located.stamps:
-                localizer.place(compound(initial, mount))
-            found = localizer.process(record.scan, compound(followed.pose, mount))
-            pose = None if found.pose is None else compound(found.pose, inverse(mount))
+        mount = followed.mount
+        if initial is not None and not located.stamps:
+            localizer.place(initial if mount is None else compound(initial, mount))
+        sensor = followed.pose if mount is None else compound(followed.pose, mount)
+        found = localizer.process(followed.view, sensor)
+        pose = found.pose
+        if pose is not None and mount is not None:
+            pose = compound(pose, inverse(mount))
         located.stamps.append(followed.stamp)
         located.poses.append(pose)
         located.confirmed.append(found.sure)

@@ -12,12 +12,11 @@ from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from whereabouts.logs import RawMessage, open_raw
 from whereabouts.logs.summary import Summary
-from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.messages.decode import NANOSECONDS, nanoseconds
 from whereabouts.messages.records import strip_slash
 from whereabouts.recorded.camera_log import BOXES, TYPES, CameraLog, CameraSettings
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
-from whereabouts.system.log_errors import NothingRecognisedError
+from whereabouts.system.log_errors import NothingRecognisedError, UnreadableTypeError
 from world_model import WorldEvidence
 
 EVIDENCE = "whereabouts_msgs/msg/WorldEvidence"

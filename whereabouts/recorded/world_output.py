@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 from estimation.errors import InputError
-from whereabouts.system.atomic import atomic_path
+from whereabouts.system.atomic import write_csv
 from world_model import WorldModel, WorldState
 from world_model.queries import LAST_SEEN, QueryAnswer
 
@@ -80,20 +78,21 @@ def write_events(model: WorldModel, path: Path | None) -> None:
     """All events of all runs as CSV: run, stamp, event, id."""
     if path is None or model.store is None:
         return
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(("run", "stamp", "event", "id"))
-        for run, *_ in model.store.epochs():
-            rows: Iterable[tuple[float, str, str]] = model.store.events(run)
-            writer.writerows((run, f"{stamp:.6f}", event, name) for stamp, event, name in rows)
+    rows = (
+        (run, f"{stamp:.6f}", event, name)
+        for run, *_ in model.store.epochs()
+        for stamp, event, name in model.store.events(run)
+    )
+    write_csv(path, ("run", "stamp", "event", "id"), rows)
 
 
 def write_looked_back(model: WorldModel, path: Path | None) -> None:
     """Object of each detection of a moving sensor, as all that was seen says, as CSV: stamp, index in its look, id."""
     if path is None:
         return
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(("stamp", "detection", "id"))
-        for stamp, names in model.look_back():
-            writer.writerows((f"{stamp:.6f}", index, name or "") for index, name in enumerate(names))
+    rows = (
+        (f"{stamp:.6f}", index, name or "")
+        for stamp, names in model.look_back()
+        for index, name in enumerate(names)
+    )
+    write_csv(path, ("stamp", "detection", "id"), rows)

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from whereabouts.logs import RawMessage, convert_log, open_raw
-from whereabouts.logs.opening import detect
-from whereabouts.messages.cdr import UnreadableTypeError
+from whereabouts.logs.format_detection import detect
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, scans, seconds
 from whereabouts.messages.records import TransformRecord, strip_slash
-from whereabouts.robot.survey import ODOMETRY, SCAN, TF, Seen, Survey
+from whereabouts.robot.survey import ODOMETRY, SCAN, TF, SeenTopic, Survey
+from whereabouts.system.log_errors import UnreadableTypeError
 
 # What a recording holds shows within its first minute, but for transforms that are latched later.
 LOOK_AT_SECONDS = 60.0
@@ -35,7 +35,7 @@ def survey_bag(path: Path, look_at: float = LOOK_AT_SECONDS) -> Survey:
     survey = Survey(str(path))
     with open_raw(path) as raw:
         for topic in raw.topics:
-            survey.topics[topic.name] = Seen(topic.name, topic.type_name, qos=topic.qos)
+            survey.topics[topic.name] = SeenTopic(topic.name, topic.type_name, qos=topic.qos)
         first: int | None = None
         for count, message in enumerate(raw):
             first = message.log_time if first is None else first
@@ -49,7 +49,7 @@ def survey_bag(path: Path, look_at: float = LOOK_AT_SECONDS) -> Survey:
 
 def _look(survey: Survey, message: RawMessage) -> None:
     topic = message.topic
-    seen = survey.topics.setdefault(topic.name, Seen(topic.name, topic.type_name, qos=topic.qos))
+    seen = survey.topics.setdefault(topic.name, SeenTopic(topic.name, topic.type_name, qos=topic.qos))
     if topic.type_name not in RECORDS and seen.count >= FEW:
         return
     try:
@@ -62,7 +62,7 @@ def _look(survey: Survey, message: RawMessage) -> None:
             survey.troubles.append(trouble)
 
 
-def look_at_message(survey: Survey, seen: Seen, message: Any, received: float) -> None:
+def look_at_message(survey: Survey, seen: SeenTopic, message: Any, received: float) -> None:
     """One message of a topic, from a bag or live. received : when, s."""
     if seen.kind == TF:
         for record in RECORDS[TF](message, seen.name):

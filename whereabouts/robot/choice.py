@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from whereabouts.robot.preset import Preset, usual_names
-from whereabouts.robot.survey import CLOUD, ODOMETRY, SCAN, Seen, Survey
+from whereabouts.robot.survey import CLOUD, ODOMETRY, SCAN, SeenTopic, Survey
 
 
 @dataclass
@@ -54,12 +54,12 @@ def choose(survey: Survey, wanted: Preset | None = None) -> Choice:
     return choice
 
 
-def _heard_first(items: list[Seen]) -> list[Seen]:
+def _heard_first(items: list[SeenTopic]) -> list[SeenTopic]:
     """Those that saw something before those that only said something, before those that did not; by name then."""
     return sorted(items, key=lambda item: (item.count == 0, item.blind, item.name))
 
 
-def _each_once(scans: list[Seen]) -> list[Seen]:
+def _each_once(scans: list[SeenTopic]) -> list[SeenTopic]:
     """One topic of each scanner: one that is heard before others, and what a filter has left before the raw scan."""
     order = sorted(scans, key=lambda item: (item.blind, not item.name.endswith("_filtered")))
     best = {item.frame: item.name for item in reversed(order) if item.frame}

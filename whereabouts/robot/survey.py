@@ -30,7 +30,7 @@ Matrix = NDArray[np.float64]
 
 
 @dataclass
-class Seen:
+class SeenTopic:
     """One topic.
 
     kind : type, such as "sensor_msgs/msg/LaserScan". publishers : names of nodes; empty where nobody can tell, as in a
@@ -125,12 +125,12 @@ class Survey:
     source: str
     live: bool = False
     seconds: float = 0.0
-    topics: dict[str, Seen] = field(default_factory=dict)
+    topics: dict[str, SeenTopic] = field(default_factory=dict)
     edges: dict[tuple[str, str], FrameEdge] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     troubles: list[str] = field(default_factory=list)
 
-    def of(self, *kinds: str) -> list[Seen]:
+    def of(self, *kinds: str) -> list[SeenTopic]:
         """Topics of some types, by name."""
         return [self.topics[name] for name in sorted(self.topics) if self.topics[name].kind in kinds]
 
@@ -175,6 +175,6 @@ class Survey:
         return {name for edge in self.edges for name in edge}
 
 
-def names(items: Iterable[Seen]) -> str:
+def names(items: Iterable[SeenTopic]) -> str:
     """Topics as a list in words."""
     return ", ".join(item.name for item in items)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whereabouts.simulation.people import SimulatedWalker
 from whereabouts.simulation.shapes import Array, Shapes, box, circle, joined, unit
+from whereabouts.simulation.walkers import SimulatedWalker
 
 KINDS = ("person", "cylinder", "box")
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 from whereabouts.system.log_errors import WriteError
@@ -39,6 +41,12 @@ def atomic_path(target: Path, directory: bool = False) -> Iterator[Path]:
         raise WriteError(target, f"cannot be written ({error.strerror or error})") from error
     finally:
         _remove(temporary)
+
+
+def write_csv(path: Path, columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write a table whole or not at all. Raises WriteError."""
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([columns, *rows])
 
 
 def _beside(target: Path) -> Path:

@@ -7,6 +7,10 @@ from pathlib import Path
 from estimation.errors import InputError
 
 
+class UnreadableTypeError(Exception):
+    """Messages of a type cannot be read: no definition, or one that they do not fit; the message says which."""
+
+
 class LogError(InputError):
     """Base of all errors of reading and writing logs; `path` and `where` (line or byte offset, or "") say the place."""
 

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from whereabouts.logs import open_raw
-from whereabouts.messages.cdr import UnreadableTypeError
-from whereabouts.system.log_errors import NothingRecognisedError
+from whereabouts.system.log_errors import NothingRecognisedError, UnreadableTypeError
 from whereabouts.viewer.drawable import Shape
 from whereabouts.viewer.scene import Scene, stamp_of
 

@@ -19,8 +19,8 @@ from whereabouts.logs.bags.rosbag1_file import Ros1File
 from whereabouts.logs.bags.sqlite_file import SqliteFile
 from whereabouts.logs.bags.storage import BagFile, Qos, Stored, Topic, parse_qos
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, copy, unpack
+from whereabouts.logs.format_detection import only_member, refuse_compressed_bag
 from whereabouts.logs.formats.text import ZIP_MAGIC, TextSource, open_file
-from whereabouts.logs.opening import only_member, refuse_compressed_bag
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import DamagedLogError, LogNotFoundError, UnknownFormatError
 

@@ -1,16 +1,19 @@
-"""Records as ROS 2 messages, without a ROS installation."""
+"""Records and plain values as ROS 2 messages, without a ROS installation."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
 
 import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys.store import Typestore
 
 from estimation.errors import InputError
 from estimation.geometry.rotations import quaternion_from_rotation
 from whereabouts.logs.bags.ros_types import standard_types
+from whereabouts.messages.decode import NANOSECONDS
 from whereabouts.messages.message_rotations import quaternion_of_yaw
 from whereabouts.messages.records import CloudRecord, OdometryRecord, ScanRecord, TransformRecord
 
@@ -22,6 +25,46 @@ TF_TYPE = "tf2_msgs/msg/TFMessage"
 # builtin_interfaces/Time counts seconds in an int32, and ROS clients refuse negative ones.
 LATEST_STAMP = 2**31
 FLOAT32, FLOAT64 = 7, 8
+UNSET = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}
+"""By type, of numbers 0 otherwise."""
+
+
+def made(types: Typestore, type_name: str, given: Mapping[str, Any]) -> Any:
+    """A message of plain values: mappings are messages within it. What is not given is empty, zero or false."""
+    fields = types.fielddefs[type_name][1]
+    return types.types[type_name](**{name: _value(types, kind, given.get(name)) for name, kind in fields})
+
+
+def _value(types: Typestore, kind: Any, given: Any) -> Any:
+    node, what = kind
+    if node == Nodetype.BASE:
+        return UNSET.get(what[0], 0) if given is None else given
+    if node == Nodetype.NAME:
+        return made(types, what, given or {}) if given is None or isinstance(given, Mapping) else given
+    (inner, of), count = what
+    if inner == Nodetype.BASE and of[0] != "string":
+        return np.zeros(count, of[0]) if given is None else np.asarray(given, dtype=of[0])
+    return [_value(types, (inner, of), item) for item in given or ()]
+
+
+def header(total: int, frame_id: str) -> dict[str, Any]:
+    """std_msgs/Header of nanoseconds and a frame."""
+    return {"stamp": time(total), "frame_id": frame_id}
+
+
+def time(total: int) -> dict[str, int]:
+    """builtin_interfaces/Time of nanoseconds."""
+    return dict(zip(("sec", "nanosec"), divmod(total, NANOSECONDS), strict=True))
+
+
+def xyz(values: Iterable[float]) -> dict[str, float]:
+    """geometry_msgs/Point or Vector3 of (3,)."""
+    return dict(zip("xyz", map(float, values), strict=True))
+
+
+def xyzw(values: Iterable[float]) -> dict[str, float]:
+    """geometry_msgs/Quaternion of (4,)."""
+    return dict(zip("xyzw", map(float, values), strict=True))
 
 
 def nanoseconds(stamp: float) -> int:
@@ -37,44 +80,38 @@ def nanoseconds(stamp: float) -> int:
 def scan_message(record: ScanRecord) -> Any:
     """sensor_msgs/LaserScan; no-returns stay as recorded."""
     scan = record.scan
-    count = len(scan)
-    return _make(
-        SCAN_TYPE,
-        header=_header(record.stamp, record.frame_id),
-        angle_min=scan.angle_min,
-        angle_max=scan.angle_min + scan.angle_increment * max(count - 1, 0),
-        angle_increment=scan.angle_increment,
-        time_increment=scan.time_increment,
-        scan_time=0.0,
-        range_min=scan.range_min,
-        range_max=scan.range_max,
-        ranges=scan.ranges.astype(np.float32),
-        intensities=np.zeros(0, dtype=np.float32),
-    )
+    fields = {
+        "header": header(nanoseconds(record.stamp), record.frame_id),
+        "angle_min": scan.angle_min,
+        "angle_max": scan.angle_min + scan.angle_increment * max(len(scan) - 1, 0),
+        "angle_increment": scan.angle_increment,
+        "time_increment": scan.time_increment,
+        "range_min": scan.range_min,
+        "range_max": scan.range_max,
+        "ranges": scan.ranges,
+    }
+    return made(standard_types(), SCAN_TYPE, fields)
 
 
 def odometry_message(record: OdometryRecord) -> Any:
     """nav_msgs/Odometry; zeros where covariance or twist are unknown."""
     if record.transform is None:
         x, y, yaw = record.pose
-        position, turn = _xyz("Point", (x, y, 0.0)), _quaternion(quaternion_of_yaw(float(yaw)))
+        pose = {"position": xyz((x, y, 0.0)), "orientation": xyzw(quaternion_of_yaw(float(yaw)))}
     else:
-        position = _xyz("Point", record.transform[:3, 3])
-        turn = _quaternion(quaternion_from_rotation(record.transform[:3, :3]))
-    pose = _make("geometry_msgs/msg/Pose", position=position, orientation=turn)
+        turn = quaternion_from_rotation(record.transform[:3, :3])
+        pose = {"position": xyz(record.transform[:3, 3]), "orientation": xyzw(turn)}
     covariance = np.zeros((6, 6))
     if record.covariance is not None:
         covariance[np.ix_((0, 1, 5), (0, 1, 5))] = record.covariance
     vx, vy, rate = (0.0, 0.0, 0.0) if record.twist is None else record.twist
-    linear, angular = _xyz("Vector3", (vx, vy, 0.0)), _xyz("Vector3", (0.0, 0.0, rate))
-    twist = _make("geometry_msgs/msg/Twist", linear=linear, angular=angular)
-    return _make(
-        ODOMETRY_TYPE,
-        header=_header(record.stamp, record.frame_id),
-        child_frame_id=record.child_frame_id,
-        pose=_make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.reshape(36)),
-        twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
-    )
+    fields = {
+        "header": header(nanoseconds(record.stamp), record.frame_id),
+        "child_frame_id": record.child_frame_id,
+        "pose": {"pose": pose, "covariance": covariance.reshape(36)},
+        "twist": {"twist": {"linear": xyz((vx, vy, 0.0)), "angular": xyz((0.0, 0.0, rate))}},
+    }
+    return made(standard_types(), ODOMETRY_TYPE, fields)
 
 
 def cloud_message(record: CloudRecord) -> Any:
@@ -88,56 +125,33 @@ def cloud_message(record: CloudRecord) -> Any:
         values[axis] = record.points[:, index]
     if record.times is not None:
         values["timestamp"] = record.times
-    fields = [
-        _make("sensor_msgs/msg/PointField", name=name, offset=4 * place, datatype=datatype, count=1)
-        for place, (name, _, datatype) in enumerate(layout)
-    ]
-    return _make(
-        CLOUD_TYPE,
-        header=_header(record.stamp, record.frame_id),
-        height=1,
-        width=count,
-        fields=fields,
-        is_bigendian=False,
-        point_step=values.itemsize,
-        row_step=values.itemsize * count,
-        data=np.frombuffer(values.tobytes(), dtype=np.uint8),
-        is_dense=True,
-    )
+    fields = {
+        "header": header(nanoseconds(record.stamp), record.frame_id),
+        "height": 1,
+        "width": count,
+        "fields": [
+            {"name": name, "offset": 4 * place, "datatype": datatype, "count": 1}
+            for place, (name, _, datatype) in enumerate(layout)
+        ],
+        "point_step": values.itemsize,
+        "row_step": values.itemsize * count,
+        "data": np.frombuffer(values.tobytes(), dtype=np.uint8),
+        "is_dense": True,
+    }
+    return made(standard_types(), CLOUD_TYPE, fields)
 
 
 def transform_message(records: Sequence[TransformRecord]) -> Any:
     """tf2_msgs/TFMessage."""
     stamped = [
-        _make(
-            "geometry_msgs/msg/TransformStamped",
-            header=_header(record.stamp, record.frame_id),
-            child_frame_id=record.child_frame_id,
-            transform=_make(
-                "geometry_msgs/msg/Transform",
-                translation=_xyz("Vector3", record.transform[:3, 3]),
-                rotation=_quaternion(quaternion_from_rotation(record.transform[:3, :3])),
-            ),
-        )
+        {
+            "header": header(nanoseconds(record.stamp), record.frame_id),
+            "child_frame_id": record.child_frame_id,
+            "transform": {
+                "translation": xyz(record.transform[:3, 3]),
+                "rotation": xyzw(quaternion_from_rotation(record.transform[:3, :3])),
+            },
+        }
         for record in records
     ]
-    return _make(TF_TYPE, transforms=stamped)
-
-
-def _make(type_name: str, **fields: Any) -> Any:
-    return standard_types().types[type_name](**fields)
-
-
-def _header(stamp: float, frame_id: str) -> Any:
-    whole, rest = divmod(nanoseconds(stamp), 1_000_000_000)
-    time = _make("builtin_interfaces/msg/Time", sec=whole, nanosec=rest)
-    return _make("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
-
-
-def _xyz(kind: str, values: Iterable[float]) -> Any:
-    """geometry_msgs/Point or Vector3."""
-    return _make(f"geometry_msgs/msg/{kind}", **dict(zip("xyz", map(float, values), strict=True)))
-
-
-def _quaternion(values: Iterable[float]) -> Any:
-    return _make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", map(float, values), strict=True)))
+    return made(standard_types(), TF_TYPE, {"transforms": stamped})

@@ -13,10 +13,14 @@ from whereabouts.logs.bags.storage import Stored, Topic, wanted_by
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.log import Log
 from whereabouts.logs.summary import Summary
-from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, other
 from whereabouts.messages.records import Record, strip_slash
-from whereabouts.system.log_errors import EmptyLogError, LogNotFoundError, NothingRecognisedError
+from whereabouts.system.log_errors import (
+    EmptyLogError,
+    LogNotFoundError,
+    NothingRecognisedError,
+    UnreadableTypeError,
+)
 
 
 class RosLog(Log):

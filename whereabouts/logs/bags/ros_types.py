@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from whereabouts.logs.bags.storage import Topic
-from whereabouts.messages.cdr import UnreadableTypeError
+from whereabouts.system.log_errors import UnreadableTypeError
 
 _IDL_SEPARATOR = "=" * 80 + "\nIDL: "
 # What `types_of` found for each topic that is still in use, or why there is nothing.
@@ -69,6 +69,12 @@ def decoded(topic: Topic, cdr: bytes) -> Any:
     """
     store = types_of(topic)
     try:
-        return store.deserialize_cdr(cdr, topic.type_name)
+        kind = store.get_msgdef(topic.type_name)
+        read = {b"\0\0": kind.deserialize_cdr_be, b"\0\1": kind.deserialize_cdr_le}[bytes(cdr[:2])]
+        message, end = read(cdr[4:], 0, kind.cls, store)
     except Exception as error:  # generated code on arbitrary bytes: any error means the same
         raise UnreadableTypeError(f"bytes do not fit {topic.type_name}") from error
+    # More may follow: rclpy's serialize_message leaves as many bytes as it thought that it might need.
+    if end > len(cdr) - 4:
+        raise UnreadableTypeError(f"bytes do not fit {topic.type_name}: they end too early")
+    return message

@@ -18,9 +18,8 @@ from mcap.exceptions import McapError
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.formats.text import open_file
 from whereabouts.logs.summary import Summary
-from whereabouts.messages.cdr import UnreadableTypeError
 from whereabouts.messages.records import strip_slash
-from whereabouts.system.log_errors import OversizedLogError
+from whereabouts.system.log_errors import OversizedLogError, UnreadableTypeError
 
 # Numbers of rmw, as written by rosbag2 up to Iron; later ones write the names.
 _QOS_NAMES = {

@@ -12,14 +12,12 @@ Read are PARAM (maximum range and mounts of the lasers), ODOM, FLASER, RLASER, R
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from estimation.errors import InputError
 from estimation.geometry.poses import uncompound
-from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.formats.carmen_laser import (
     BadLineError,
     LaserLine,
@@ -29,8 +27,7 @@ from whereabouts.logs.formats.carmen_laser import (
     parse_robotlaser,
     usable_range,
 )
-from whereabouts.logs.formats.text import TextSource
-from whereabouts.logs.log import Log
+from whereabouts.logs.formats.text import TextLog
 from whereabouts.messages.records import Array, OdometryRecord, Record, ScanRecord
 from whereabouts.system.log_errors import NothingRecognisedError
 
@@ -56,49 +53,25 @@ KEYWORDS = frozenset(LASERS) | {b"PARAM", b"ODOM"}
 HEAD_BYTES = 1 << 18
 
 
-class CarmenLog(Log):
-    """A CARMEN log as a stream of ScanRecord and OdometryRecord.
-
-    path : the file (.clf or .log, plain, .gz or .bz2, or a zip archive holding one).
-    topics : hand out only these (`scan`, `rear_scan`, `wheel_odom`); None for all.
-    max_range : metres from which a reading is a no-return, instead of what the log says.
-    member : name inside a zip archive.
-    unpacked_limit : bytes that a compressed log may unpack to.
-    """
+class CarmenLog(TextLog):
+    """A CARMEN log as a stream of ScanRecord and OdometryRecord, on the topics `scan`, `rear_scan`, `wheel_odom`."""
 
     format = "carmen"
-
-    def __init__(
-        self,
-        path: Path,
-        topics: Iterable[str] | None = None,
-        max_range: float | None = None,
-        member: str | None = None,
-        unpacked_limit: int = UNPACKED_LIMIT,
-    ) -> None:
-        super().__init__(path, topics)
-        self._source = TextSource(path, member, unpacked_limit)
-        self._max_range = max_range
-        self._lasers: dict[str, LaserParameters] = {}
-        self._corrected = False
-
-    @property
-    def progress(self) -> float:
-        return self._source.progress
+    _lasers: dict[str, LaserParameters]
+    _corrected = False
 
     @property
     def corrected(self) -> bool:
         """Whether a mapper wrote this log, so that its poses are no odometry."""
-        return is_corrected(self._source.head(HEAD_BYTES))
+        # NEFF is a mapper's effective number of particles.
+        head = self._source.head(HEAD_BYTES)
+        return head.startswith(b"NEFF ") or b"\nNEFF " in head
 
     def _records(self) -> Iterator[Record]:
         self._lasers = {side: LaserParameters() for side in TOPICS}
         self._corrected = self.corrected
         recognised = number = 0
-        for number, line in self._source.lines(self.summary):
-            fields = line.split()
-            if not fields or fields[0].startswith(b"#"):
-                continue
+        for number, fields in self._source.fields(self.summary):
             try:
                 record = self._parse(fields)
             except BadLineError as error:
@@ -180,8 +153,3 @@ def _updated(laser: LaserParameters, side: str, setting: str, value: float) -> L
         "angular_offset": (x, y, value + facing),
     }[setting]
     return LaserParameters(laser.max_range, np.array(mount))
-
-
-def is_corrected(head: bytes) -> bool:
-    """Whether a mapper wrote these first lines: NEFF is its effective number of particles."""
-    return head.startswith(b"NEFF ") or b"\nNEFF " in head

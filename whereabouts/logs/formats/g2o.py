@@ -6,64 +6,47 @@ are small and the edges may stand last), then the scans as a stream.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimation.errors import InputError
 from estimation.geometry.poses import between, compound, inverse
-from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.formats.carmen_laser import BadLineError, numbers, parse_robotlaser
-from whereabouts.logs.formats.text import TextSource
-from whereabouts.logs.log import Log
+from whereabouts.logs.formats.text import TextLog, TextSource
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.records import Array, Record, ScanRecord
-from whereabouts.system.atomic import atomic_path
 from whereabouts.system.log_errors import NothingRecognisedError
 
 # Scans per second where the file has no stamps. Any rate will do as long as stamps grow; a note says so.
 SYNTHETIC_RATE = 1.0
-UPPER_TRIANGLE = np.triu_indices(3)
 
 
 @dataclass(frozen=True, eq=False)
-class G2oEdge:
-    """A constraint between two vertices.
+class _Graph:
+    """Vertices in file order, and constraints.
 
-    motion : (3,) [x, y, yaw] of vertex `target` in the frame of vertex `source`.
-    information : (3, 3) inverse of its covariance, in metres and radians.
-    """
-
-    source: int
-    target: int
-    motion: Array
-    information: Array
-
-
-@dataclass(frozen=True, eq=False)
-class G2oGraph:
-    """A planar pose graph.
-
-    ids : (N,) vertices in file order.
-    poses : (N, 3) [x, y, yaw] of each, as solved when the file was written.
-    edges : all constraints in file order.
+    ranks : place of each vertex in that order, by its id. poses : (N, 3) [x, y, yaw] of each, as solved when the file
+    was written. edges : (source, target, (3,) [x, y, yaw] of the target in the frame of the source).
     stamps : (N,) seconds of each vertex's scan, NaN for a vertex without one.
     """
 
-    ids: NDArray[np.int64]
+    ranks: dict[int, int]
     poses: Array
-    edges: list[G2oEdge]
-    stamps: Array = field(default_factory=lambda: np.zeros(0))
+    edges: list[tuple[int, int, Array]]
+    stamps: Array
 
-    @property
-    def unstamped(self) -> bool:
-        """Whether all scans have the same stamp, so that it says nothing."""
-        known = self.stamps[np.isfinite(self.stamps)]
-        return len(known) > 1 and bool((known == known[0]).all())
+    def paced(self) -> tuple[Array, bool]:
+        """The stamps; at an even pace, and True, where all scans have the same one, so that it says nothing."""
+        seen = np.isfinite(self.stamps)
+        known = self.stamps[seen]
+        if len(known) < 2 or (known != known[0]).any():
+            return self.stamps, False
+        stamps = np.full(len(self.stamps), np.nan)
+        stamps[seen] = np.arange(len(known)) / SYNTHETIC_RATE
+        return stamps, True
 
     def chain(self) -> tuple[Array, int]:
         """Poses (N, 3) by the sequential constraints alone, from the first vertex's pose on.
@@ -71,86 +54,60 @@ class G2oGraph:
         Also returned is the number of vertices that no constraint ties to the one before them; there the
         solved poses give the motion.
         """
-        ranks = {int(vertex): rank for rank, vertex in enumerate(self.ids)}
-        sequential: dict[int, G2oEdge] = {}
-        for edge in self.edges:
-            first, second = ranks.get(edge.source, -9), ranks.get(edge.target, -9)
+        steps: dict[int, Array] = {}
+        for source, target, motion in self.edges:
+            first, second = self.ranks.get(source, -9), self.ranks.get(target, -9)
             if abs(first - second) == 1:
-                sequential.setdefault(max(first, second), edge)
-        poses: list[Array] = []
-        gaps = 0
-        for rank, solved in enumerate(self.poses):
-            if not rank:
-                poses.append(solved)
-                continue
-            tie = sequential.get(rank)
-            if tie is None:
-                gaps += 1
-                motion = between(self.poses[rank - 1], solved)
-            else:
-                motion = tie.motion if tie.target == self.ids[rank] else inverse(tie.motion)
-            poses.append(compound(poses[-1], motion))
-        return np.array(poses, dtype=np.float64).reshape(-1, 3), gaps
+                steps.setdefault(max(first, second), motion if second > first else inverse(motion))
+        chain = self.poses.copy()
+        for rank in range(1, len(chain)):
+            step = steps.get(rank)
+            step = between(self.poses[rank - 1], self.poses[rank]) if step is None else step
+            chain[rank] = compound(chain[rank - 1], step)
+        return chain, len(chain) - 1 - len(steps)
 
 
-class G2oLog(Log):
+class G2oLog(TextLog):
     """A g2o file with ROBOTLASER1 lines as a stream of ScanRecord.
 
     Every scan carries `odometry`, the chain of sequential constraints, so its drift is theirs, and `pose`,
-    the solved pose of its vertex. `graph` has all constraints.
-
-    path : the file (.g2o, plain or compressed, or a zip archive holding one).
-    topics : hand out only these (`scan`); None for all.
-    max_range : metres from which a reading is a no-return, instead of what the lines say.
-    member : name inside a zip archive.
+    the solved pose of its vertex. The topic is `scan`.
     """
 
     format = "g2o"
 
-    def __init__(
-        self,
-        path: Path,
-        topics: Iterable[str] | None = None,
-        max_range: float | None = None,
-        member: str | None = None,
-        unpacked_limit: int = UNPACKED_LIMIT,
-    ) -> None:
-        super().__init__(path, topics)
-        self._source = TextSource(path, member, unpacked_limit)
-        self._max_range = max_range
-
-    @property
-    def progress(self) -> float:
-        return self._source.progress
-
     @cached_property
-    def graph(self) -> G2oGraph:
-        """Vertices and constraints; lines that cannot be read are left out, and counted when iterating."""
-        graph = _read_graph(self._source, Summary())
-        return replace(graph, stamps=_paced(graph)) if graph.unstamped else graph
+    def _graph(self) -> _Graph:
+        return _read_graph(self._source)
 
     def _records(self) -> Iterator[Record]:
-        graph = self.graph
-        if not len(graph.ids):
+        graph = self._graph
+        if not graph.ranks:
             raise NothingRecognisedError(self.path, "no VERTEX_SE2 line; only planar graphs can be read")
         odometry, gaps = graph.chain()
         if gaps:
             reason = "vertex not tied to the one before it: solved poses give its odometry"
             self.summary.note(reason, "the edges", gaps)
-        if np.array_equal(graph.stamps, _paced(graph), equal_nan=True):
-            self.summary.note(
-                f"no stamps in the file: {SYNTHETIC_RATE:g} scans per second assumed", "its lasers"
-            )
+        stamps, made_up = graph.paced()
+        if made_up:
+            reason = f"no stamps in the file: {SYNTHETIC_RATE:g} scans per second assumed"
+            self.summary.note(reason, "its lasers")
         rank, free, lasers = -1, False, 0
-        for number, fields in _fields(self._source, self.summary):
+        for number, fields in self._source.fields(self.summary):
             try:
                 if fields[0] == b"ROBOTLASER1":
-                    record = self._scan(fields, graph, odometry, rank if free else None)
+                    if not free:
+                        raise BadLineError("ROBOTLASER1 without a vertex of its own before it")
                     free = False
+                    line = parse_robotlaser(fields, self._max_range, float(stamps[rank]))
                     lasers += 1
-                    if self.wants(record.topic):
+                    if self.wants("scan"):
                         self._place = f"line {number}"
-                        yield record
+                        mount = between(line.robot, line.laser)
+                        pose = graph.poses[rank]
+                        yield ScanRecord(
+                            line.scan, line.stamp, odometry=odometry[rank], pose=pose, sensor_pose=mount
+                        )
                 elif fields[0] == b"VERTEX_SE2":
                     _vertex(fields)
                     rank, free = rank + 1, True
@@ -161,87 +118,29 @@ class G2oLog(Log):
             except (BadLineError, InputError) as error:
                 self.summary.skip(str(error), f"line {number}")
         if not lasers:
-            problem = "a graph without laser scans (ROBOTLASER1 lines); read_g2o reads the graph alone"
-            raise NothingRecognisedError(self.path, problem)
-
-    def _scan(self, fields: list[bytes], graph: G2oGraph, odometry: Array, rank: int | None) -> ScanRecord:
-        if rank is None:
-            raise BadLineError("ROBOTLASER1 without a vertex of its own before it")
-        stamp = float(graph.stamps[rank])
-        line = parse_robotlaser(fields, self._max_range, stamp)
-        mount = between(line.robot, line.laser)
-        return ScanRecord(
-            line.scan, stamp, odometry=odometry[rank], pose=graph.poses[rank], sensor_pose=mount
-        )
+            raise NothingRecognisedError(self.path, "a graph without laser scans (ROBOTLASER1 lines)")
 
 
-def read_g2o(path: Path | str) -> G2oGraph:
-    """Read vertices and edges of a planar graph; scans are what open_log gives.
-
-    Raises LogError: the file cannot be read, or has no VERTEX_SE2 line.
-    """
-    from whereabouts.logs.opening import detect
-
-    source = Path(path)
-    _, member = detect(source)
-    graph = _read_graph(TextSource(source, member), Summary())
-    if not len(graph.ids):
-        raise NothingRecognisedError(source, "no VERTEX_SE2 line; only planar graphs can be read")
-    return graph
-
-
-def write_g2o(path: Path | str, graph: G2oGraph) -> None:
-    """Write vertices and edges; the file appears whole or not at all.
-
-    Raises WriteError: the directory is missing or not writable.
-    """
-    with atomic_path(Path(path)) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
-        for vertex, pose in zip(graph.ids, graph.poses, strict=True):
-            file.write(f"VERTEX_SE2 {vertex} {_text(pose)}\n")
-        for edge in graph.edges:
-            triangle = edge.information[UPPER_TRIANGLE]
-            file.write(f"EDGE_SE2 {edge.source} {edge.target} {_text(edge.motion)} {_text(triangle)}\n")
-
-
-def _text(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)
-
-
-def _fields(source: TextSource, summary: Summary) -> Iterator[tuple[int, list[bytes]]]:
-    for number, line in source.lines(summary):
-        fields = line.split()
-        if fields and not fields[0].startswith(b"#"):
-            yield number, fields
-
-
-def _read_graph(source: TextSource, summary: Summary) -> G2oGraph:
-    ids: list[int] = []
+def _read_graph(source: TextSource) -> _Graph:
+    """Vertices and constraints; lines that cannot be read are left out, and counted when iterating."""
+    ranks: dict[int, int] = {}
     poses: list[list[float]] = []
-    edges: list[G2oEdge] = []
+    edges: list[tuple[int, int, Array]] = []
     stamps: list[float] = []
-    for number, fields in _fields(source, summary):
+    for _, fields in source.fields(Summary()):
         try:
             if fields[0] == b"VERTEX_SE2":
                 vertex, pose = _vertex(fields)
-                ids.append(vertex)
+                ranks[vertex] = len(poses)
                 poses.append(pose)
                 stamps.append(np.nan)
             elif fields[0] == b"EDGE_SE2":
                 edges.append(_edge(fields))
             elif fields[0] == b"ROBOTLASER1" and stamps and len(fields) > 3:
                 stamps[-1] = numbers(fields[-3:-2], "a stamp")[0]
-        except BadLineError as error:
-            summary.skip(str(error), f"line {number}")
-    array = np.array(poses, dtype=np.float64).reshape(-1, 3)
-    return G2oGraph(np.array(ids, dtype=np.int64), array, edges, np.array(stamps, dtype=np.float64))
-
-
-def _paced(graph: G2oGraph) -> Array:
-    """Stamps at an even pace for the vertices that have a scan."""
-    stamps = np.full(len(graph.ids), np.nan)
-    seen = np.isfinite(graph.stamps)
-    stamps[seen] = np.arange(np.count_nonzero(seen)) / SYNTHETIC_RATE
-    return stamps
+        except BadLineError:
+            continue
+    return _Graph(ranks, np.array(poses, dtype=np.float64).reshape(-1, 3), edges, np.array(stamps))
 
 
 def _id(text: bytes) -> int:
@@ -257,12 +156,9 @@ def _vertex(fields: list[bytes]) -> tuple[int, list[float]]:
     return _id(fields[1]), numbers(fields[2:], "VERTEX_SE2: a field")
 
 
-def _edge(fields: list[bytes]) -> G2oEdge:
+def _edge(fields: list[bytes]) -> tuple[int, int, Array]:
     """`EDGE_SE2 from to x y yaw` and the upper triangle of the information matrix, row by row."""
     if len(fields) != 12:
         raise BadLineError("EDGE_SE2: twelve fields expected")
     values = numbers(fields[3:], "EDGE_SE2: a field")
-    information = np.zeros((3, 3))
-    information[UPPER_TRIANGLE] = values[3:]
-    information = information + np.triu(information, 1).T
-    return G2oEdge(_id(fields[1]), _id(fields[2]), np.array(values[:3]), information)
+    return _id(fields[1]), _id(fields[2]), np.array(values[:3])

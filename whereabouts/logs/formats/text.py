@@ -6,11 +6,12 @@ import bz2
 import gzip
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, bounded
+from whereabouts.logs.log import Log
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import DamagedLogError, LogNotFoundError
 
@@ -101,3 +102,35 @@ class TextSource:
                     summary.skip("line longer than 1 MiB", f"line {number}")
                     continue
                 yield number, line
+
+    def fields(self, summary: Summary) -> Iterator[tuple[int, list[bytes]]]:
+        """(line number, words) of the lines that say something; `#` begins a comment."""
+        for number, line in self.lines(summary):
+            words = line.split()
+            if words and not words[0].startswith(b"#"):
+                yield number, words
+
+
+class TextLog(Log):
+    """A log of one record a line.
+
+    path : the file, plain, .gz or .bz2, or a zip archive holding one. topics : hand out only these; None for all.
+    max_range : metres from which a reading is a no-return, instead of what the log says.
+    member : name inside a zip archive. unpacked_limit : bytes that a compressed log may unpack to.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[str] | None = None,
+        max_range: float | None = None,
+        member: str | None = None,
+        unpacked_limit: int = UNPACKED_LIMIT,
+    ) -> None:
+        super().__init__(path, topics)
+        self._source = TextSource(path, member, unpacked_limit)
+        self._max_range = max_range
+
+    @property
+    def progress(self) -> float:
+        return self._source.progress

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,42 +52,6 @@ class Trajectory:
         return matrices
 
 
-class TumWriter:
-    """Writes a trajectory pose by pose; a context manager.
-
-    The file appears when the block ends without an error; after an error a file already there is unchanged.
-    Stamps are written with the digits that give the same float64 back, poses with nine decimals.
-    Raises WriteError: the directory is missing or not writable; InputError: from `write`, for a pose that is neither
-    (3,) nor (4, 4), or not finite.
-    """
-
-    def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
-        self.count = 0
-        self._stack = ExitStack()
-
-    def __enter__(self) -> TumWriter:
-        temporary = self._stack.enter_context(atomic_path(self.path))
-        self._file = self._stack.enter_context(temporary.open("w", encoding="ascii", newline="\n"))
-        self._file.write(HEADER)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
-
-    def write(self, stamp: float, pose: ArrayLike) -> None:
-        """Append one pose, (3,) [x, y, yaw] or a (4, 4) matrix, at `stamp` seconds."""
-        values = np.asarray(pose, dtype=np.float64)
-        if not np.isfinite(values).all() or not math.isfinite(stamp):
-            raise InputError(
-                f"pose {self.count} at stamp {stamp}: finite numbers expected, got {values.tolist()}"
-            )
-        self._file.write(format_line(stamp, values))
-        self.count += 1
-
-
 def format_line(stamp: float, pose: Array) -> str:
     """One line of a TUM file.
 
@@ -111,6 +73,8 @@ def format_line(stamp: float, pose: Array) -> str:
 def write_tum(path: Path | str, stamps: ArrayLike, poses: ArrayLike | Sequence[ArrayLike]) -> None:
     """Write a whole trajectory: stamps (N,) seconds, poses (N, 3) or (N, 4, 4).
 
+    Stamps are written with the digits that give the same float64 back, poses with nine decimals. The file appears
+    whole; after an error one that was there is unchanged.
     Raises InputError: the numbers of stamps and poses differ, or a pose is not finite or of another shape; WriteError:
     the directory is missing or not writable.
     """
@@ -118,9 +82,13 @@ def write_tum(path: Path | str, stamps: ArrayLike, poses: ArrayLike | Sequence[A
     values = np.asarray(poses, dtype=np.float64)
     if times.ndim != 1 or len(times) != len(values):
         raise InputError(f"stamps: one for each of the {len(values)} poses expected, got shape {times.shape}")
-    with TumWriter(path) as writer:
-        for stamp, pose in zip(times, values, strict=True):
-            writer.write(float(stamp), pose)
+    with atomic_path(Path(path)) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
+        file.write(HEADER)
+        for number, (stamp, pose) in enumerate(zip(times, values, strict=True)):
+            if not np.isfinite(pose).all() or not math.isfinite(stamp):
+                got = f"finite numbers expected, got {pose.tolist()}"
+                raise InputError(f"pose {number} at stamp {stamp}: {got}")
+            file.write(format_line(float(stamp), pose))
 
 
 def read_tum(path: Path | str) -> Trajectory:
@@ -137,12 +105,9 @@ def read_tum(path: Path | str) -> Trajectory:
 
 
 def _rows(path: Path) -> Iterator[list[float]]:
-    for number, line in TextSource(path).lines(Summary()):
-        text = line.strip()
-        if not text or text.startswith(b"#"):
-            continue
+    for number, words in TextSource(path).fields(Summary()):
         try:
-            values = [float(part) for part in text.replace(b",", b" ").split()]
+            values = [float(part) for part in b" ".join(words).replace(b",", b" ").split()]
         except ValueError:
             raise TrajectoryError(path, "`stamp x y z qx qy qz qw` expected", f"line {number}") from None
         if len(values) != 8 or not all(map(math.isfinite, values)):

@@ -16,12 +16,14 @@ from rclpy.serialization import deserialize_message
 from whereabouts.console.heard import EVERY_ONE, TOPICS, Heard
 from whereabouts.console.shown import Shown
 from whereabouts.console.sources import ConsoleError, StoreSource
-from whereabouts.messages.cdr import UnreadableTypeError, reader
+from whereabouts.logs import Topic
+from whereabouts.logs.bags.ros_types import decoded, types_of
 from whereabouts.nodes.live.live_actions import goal_for
 from whereabouts.nodes.live.searching import RunningSearch, Searches
 from whereabouts.nodes.messages.message_types import definition, message_class
 from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.qos import LATCHED, best_effort
+from whereabouts.system.log_errors import UnreadableTypeError
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import SaveMap
 
@@ -196,7 +198,9 @@ class LiveSource:
 @cache
 def reader_of(type_name: str) -> Callable[[bytes], Any]:
     """Decodes messages of a type; by rclpy, which takes several times as long, where its definition is not at hand."""
+    topic = Topic("", type_name, definition(type_name))
     try:
-        return reader(type_name, definition(type_name))
+        types_of(topic)
+        return lambda data: decoded(topic, data)
     except UnreadableTypeError:
         return lambda data: deserialize_message(data, message_class(type_name))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -11,17 +10,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from whereabouts.logs import Qos
 from whereabouts.messages.decode import UnusableMessageError
-from whereabouts.nodes.messages.message_types import message_class
-from whereabouts.nodes.ros.executor import leave, private_node
-from whereabouts.nodes.ros.qos import TF_STATIC_QOS, best_effort
+from whereabouts.nodes.live.listener import listen
 from whereabouts.nodes.runtime.dead_ends import full_name
 from whereabouts.robot.bags import look_at_message
-from whereabouts.robot.survey import CLOUD, IMU, ODOMETRY, SCAN, TF, Seen, Survey
+from whereabouts.robot.survey import CLOUD, IMU, ODOMETRY, SCAN, TF, SeenTopic, Survey
 
-HEARD = (SCAN, CLOUD, ODOMETRY, IMU, TF)
-DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-LOOK_AGAIN = 0.5  # s
-DEPTH = 50
+HEARD = (SCAN, CLOUD, ODOMETRY, IMU, TF, "diagnostic_msgs/msg/DiagnosticArray")
 NAMES = {
     ReliabilityPolicy.BEST_EFFORT: "best_effort", ReliabilityPolicy.RELIABLE: "reliable",
     DurabilityPolicy.VOLATILE: "volatile", DurabilityPolicy.TRANSIENT_LOCAL: "transient_local",
@@ -30,75 +24,49 @@ NAMES = {
 
 def survey_graph(seconds: float) -> Survey:
     """Listen to everything of use for a while."""
-    node, executor = private_node("whereabouts_doctor")
-    try:
-        listener = _Listener(node)
-        begun = looked = time.monotonic()
-        listener.look()
-        while (now := time.monotonic()) < begun + seconds:
-            executor.spin_once(timeout_sec=0.1)
-            if now > looked + LOOK_AGAIN:
-                looked = now
-                listener.look()
-        listener.look()
-        listener.survey.seconds = seconds
-        return listener.done()
-    finally:
-        leave(node)
+    survey = Survey("the running robot", live=True, seconds=seconds)
+    unusable: dict[str, str] = {}
+    suite: dict[str, Any] = {}
+
+    def take(type_name: str, topic: str, message: Any, arrival: int) -> None:
+        if isinstance(message, DiagnosticArray):
+            suite.update({item.name: item for item in message.status if item.hardware_id == "whereabouts"})
+            return
+        seen = survey.topics.setdefault(topic, SeenTopic(topic, type_name))
+        try:
+            look_at_message(survey, seen, message, 1e-9 * arrival)
+        except UnusableMessageError as error:
+            unusable[topic] = str(error)
+
+    def look(node: Node, _: list[str]) -> None:
+        """Who publishes what."""
+        for name, kinds in node.get_topic_names_and_types():
+            infos = node.get_publishers_info_by_topic(name)
+            if infos:
+                seen = survey.topics.setdefault(name, SeenTopic(name, kinds[0]))
+                seen.publishers = tuple(sorted(map(full_name, infos)))
+                seen.qos = tuple(_offer(info.qos_profile) for info in infos)
+
+    listen("whereabouts_doctor", HEARD, take, seconds=seconds, on_look=look)
+    survey.troubles += _troubles(suite, unusable)
+    return survey
 
 
-class _Listener:
-    """Subscribes what comes up, and notes what it says."""
-
-    def __init__(self, node: Node) -> None:
-        self.survey = Survey("the running robot", live=True)
-        self._node = node
-        self._subscribed: set[str] = set()
-        self._unusable: dict[str, str] = {}
-        self._suite: dict[str, Any] = {}
-
-    def look(self) -> None:
-        """Look for topics that are new, and for who publishes the known ones."""
-        for name, kinds in self._node.get_topic_names_and_types():
-            infos = self._node.get_publishers_info_by_topic(name)
-            if not infos:
-                continue
-            seen = self.survey.topics.setdefault(name, Seen(name, kinds[0]))
-            seen.publishers = tuple(sorted(map(full_name, infos)))
-            seen.qos = tuple(_offer(info.qos_profile) for info in infos)
-            if name not in self._subscribed and kinds[0] in (*HEARD, DIAGNOSTICS):
-                self._subscribed.add(name)
-                self._subscribe(seen)
-
-    def _subscribe(self, seen: Seen) -> None:
-        def take(message: Any) -> None:
-            if isinstance(message, DiagnosticArray):
-                suite = (item for item in message.status if item.hardware_id == "whereabouts")
-                self._suite |= {item.name: item for item in suite}
-                return
-            try:
-                look_at_message(self.survey, seen, message, time.time())
-            except UnusableMessageError as error:
-                self._unusable[seen.name] = str(error)
-
-        qos = TF_STATIC_QOS if seen.name.endswith("tf_static") else best_effort(DEPTH)
-        self._node.create_subscription(message_class(seen.kind), seen.name, take, qos)
-
-    def done(self) -> Survey:
-        """The survey with what running nodes of the suite complain about."""
-        troubles = self.survey.troubles
-        if self._suite:
-            names = ", ".join(f"/{name}" for name in sorted(self._suite))
-            troubles.append(
-                f"nodes of the suite are running: {names}. Their transforms are taken for the robot's own: "
-                "stop them before `whereabouts setup`"
-            )
-        troubles += [f"{name}: {said}" for name, said in sorted(self._unusable.items())]
-        for name, said in sorted(self._suite.items()):
-            drops = [f"{item.key}: {item.value}" for item in said.values if " dropped, " in item.key]
-            if said.level != DiagnosticStatus.OK or drops:
-                troubles.append(f"{name}: {'; '.join([said.message, *drops])}")
-        return self.survey
+def _troubles(suite: dict[str, Any], unusable: dict[str, str]) -> list[str]:
+    """What running nodes of the suite complain about, and what of others' messages makes no sense."""
+    troubles = []
+    if suite:
+        names = ", ".join(f"/{name}" for name in sorted(suite))
+        troubles.append(
+            f"nodes of the suite are running: {names}. Their transforms are taken for the robot's own: "
+            "stop them before `whereabouts setup`"
+        )
+    troubles += [f"{name}: {said}" for name, said in sorted(unusable.items())]
+    for name, said in sorted(suite.items()):
+        drops = [f"{item.key}: {item.value}" for item in said.values if " dropped, " in item.key]
+        if said.level != DiagnosticStatus.OK or drops:
+            troubles.append(f"{name}: {'; '.join([said.message, *drops])}")
+    return troubles
 
 
 def _offer(profile: QoSProfile) -> Qos:

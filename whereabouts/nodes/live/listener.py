@@ -1,4 +1,4 @@
-"""Listens to whatever of some message types is published in the running graph, for the viewer."""
+"""Listens to whatever of some message types is published in the running graph."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.qos import best_effort, reliable
 from whereabouts.system.interrupts import interrupts_kept
 
-DEPTH = 20
-LOOK_PERIOD = 1.0
+DEPTH = 50
+LOOK_PERIOD = 0.5  # s
 Take = Callable[[str, str, Any, int], None]
 
 
@@ -64,24 +64,28 @@ class Listener:
 
 
 def listen(
+    name: str,
     types: Collection[str],
     take: Take,
     namespace: str = "",
     seconds: float | None = None,
-    on_topic: Callable[[str], None] = lambda topic: None,
+    on_look: Callable[[Node, list[str]], None] = lambda node, new: None,
 ) -> list[str]:
-    """Listen until Ctrl-C, or for so many seconds; returns the topics that were heard."""
-    node, executor = private_node("whereabouts_view")
+    """Listen as a node of a name until Ctrl-C, or for so many seconds; returns the topics that were heard.
+
+    on_look : called with the node and the new topics, now and then and at the end.
+    """
+    node, executor = private_node(name)
     listener = Listener(node, types, take, namespace)
     start, looked = time.monotonic(), -LOOK_PERIOD
     try:
         while seconds is None or time.monotonic() - start < seconds:
             if time.monotonic() - looked >= LOOK_PERIOD:
                 looked = time.monotonic()
-                for topic in listener.look():
-                    on_topic(topic)
+                on_look(node, listener.look())
             with interrupts_kept():
                 executor.spin_once(timeout_sec=0.1)
+        on_look(node, listener.look())
     except KeyboardInterrupt:
         pass
     finally:

@@ -19,6 +19,14 @@ from world_model.questions.naming import PREPOSITIONS, in_known_words, plain, so
 
 LONGEST = 24 * 3600.0
 MAP_PATIENCE = 60.0  # s that writing or reading a map may take
+SERVICES: dict[str, tuple[Any, str, float]] = {
+    "verify_object": (TriggerVerification, "world_maintenance/trigger", PATIENCE),
+    "forget": (ForgetObject, "world_model/forget", PATIENCE),
+    "relabel": (RelabelObject, "world_model/relabel", PATIENCE),
+    "save_map": (SaveMap, "loop_closure/save_map", MAP_PATIENCE),
+    "load_map": (LoadMap, "loop_closure/load_map", MAP_PATIENCE),
+}
+"""What a node does at once: its service, and the s that it may take."""
 
 
 @dataclass(frozen=True)
@@ -116,37 +124,9 @@ def _outcome(result: FindObject.Result) -> Done:
     return Done(True, sentence, found.existence_probability, seconds(found.last_seen), found.id)
 
 
-def verify(client: Client, object_id: str) -> Done:
-    """Have the robot look at an object again. Raises NoWorldError where no node world_maintenance runs."""
-    request = TriggerVerification.Request(object_id=object_id, requester="a question")
-    return _asked(client, TriggerVerification, "world_maintenance/trigger", request)
-
-
-def forget(client: Client, object_id: str) -> Done:
-    """Take an object out of the world for good. Raises NoWorldError."""
-    request = ForgetObject.Request(object_id=object_id)
-    return _asked(client, ForgetObject, "world_model/forget", request)
-
-
-def relabel(client: Client, object_id: str, class_name: str) -> Done:
-    """Correct the class of an object. Raises NoWorldError."""
-    request = RelabelObject.Request(object_id=object_id, class_name=class_name)
-    return _asked(client, RelabelObject, "world_model/relabel", request)
-
-
-def save_map(client: Client, path: str) -> Done:
-    """Have the node loop_closure write its map. Raises NoWorldError."""
-    return _asked(client, SaveMap, "loop_closure/save_map", SaveMap.Request(path=path), MAP_PATIENCE)
-
-
-def load_map(client: Client, path: str, extend: bool) -> Done:
-    """Have the node loop_closure read a map and localise in it. Raises NoWorldError."""
-    request = LoadMap.Request(path=path, localization_only=not extend)
-    return _asked(client, LoadMap, "loop_closure/load_map", request, MAP_PATIENCE)
-
-
-def _asked(client: Client, kind: Any, name: str, request: Any, seconds: float = PATIENCE) -> Done:
-    """What came of a service of the suite."""
-    answer = client.call(kind, name, request, seconds)
+def act(client: Client, name: str, **fields: Any) -> Done:
+    """Have a node do one of `SERVICES`; fields : of the request. Raises NoWorldError where no such node runs."""
+    kind, service, patience = SERVICES[name]
+    answer = client.call(kind, service, kind.Request(**fields), patience)
     path = getattr(answer, "path", "")
     return Done(answer.code == answer.SUCCESS, f"{answer.message}: {path}" if path else answer.message)

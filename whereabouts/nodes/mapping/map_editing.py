@@ -6,8 +6,6 @@ In: `clicked_point` (PointStamped, RViz's tool "Publish Point"). Services: `~/pa
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from geometry_msgs.msg import PointStamped
 from nav_msgs.srv import GetMap
@@ -19,11 +17,11 @@ from loop_closure.graph.edges import Edge
 from loop_closure.motions import positions
 from loop_closure.slam.editing import nearest_closure
 from loop_closure.slam.trajectory import Slam
+from whereabouts.nodes.mapping.map_in_use import MapInUse
+from whereabouts.nodes.mapping.map_publisher import MapPublisher, MapTransform
 from whereabouts.nodes.messages.transforms import check_frame
+from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.system.counting import counted
-
-if TYPE_CHECKING:
-    from whereabouts.nodes.loop_closure_node import LoopClosureNode
 
 REACH = 3.0  # metres from a clicked point within which a closure is meant
 
@@ -34,8 +32,10 @@ class MapEditing:
     paused : whether scans are to be left out of the map.
     """
 
-    def __init__(self, node: LoopClosureNode) -> None:
-        self._node = node
+    def __init__(
+        self, node: SuiteNode, made: MapInUse, publisher: MapPublisher, transform: MapTransform
+    ) -> None:
+        self._node, self._map, self._publisher, self._transform = node, made, publisher, transform
         self.paused = False
         self._clicked: NDArray[np.float64] | None = None
         # A person, not a sensor: its stamp says nothing about the run.
@@ -53,17 +53,21 @@ class MapEditing:
         return "scans are left out of the map" if self.paused else "scans are added to the map"
 
     def _remove(self, _request: Trigger.Request, _: Trigger.Response) -> str:
-        """Take out the closure at the clicked point, or the last one; each click counts once."""
-        if not self._node.extends:
+        """Take out the closure at the clicked point, or the last one; each click counts once.
+
+        Everything is published anew, and the robot goes with the last keyframe.
+        """
+        if self._map.localizer is not None:
             raise InputError("a map in which the robot is only localised is not changed")
-        slam = self._node.slam
+        slam = self._map.slam
         point, self._clicked = self._clicked, None
         edge = self._meant(slam, point)
         at = positions(slam.graph.poses)[edge.b]
         first, second = slam.keyframes[edge.a].stamp, slam.keyframes[edge.b].stamp
         before = slam.pose
         count = slam.remove_closure(edge)
-        self._node.map_edited(before)
+        if self._map.edited(before):
+            self._transform.publish()
         left = sum(item.closure for item in slam.graph.edges)
         done = (
             f"the revisit at ({at[0]:.1f}, {at[1]:.1f}) of scans at {first:.1f} s and {second:.1f} s: "
@@ -89,4 +93,4 @@ class MapEditing:
         return edge
 
     def _get(self, _: GetMap.Request, response: GetMap.Response) -> None:
-        response.map = self._node.map_now()
+        response.map = self._publisher.message()

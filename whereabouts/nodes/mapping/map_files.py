@@ -17,7 +17,7 @@ from whereabouts.nodes.messages.transforms import check_frame
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.system.atomic import atomic_path
 from whereabouts.system.counting import counted
-from whereabouts.system.state_files import StateFiles, keep_foreign
+from whereabouts.system.state_files import keep_foreign
 from whereabouts_msgs.srv import LoadMap, SaveMap
 
 Array = NDArray[np.float64]
@@ -76,10 +76,10 @@ class MapFiles:
 
     def named(self, name: str, making: bool = False) -> Path:
         """Stem of the files that a request names. Raises InputError for what requests may not name."""
-        files = StateFiles(self._node.settings.state_dir, self._node.settings.allowed_folders)
-        if name and name != self._node.settings.map_file:
+        settings = self._node.settings
+        if name and name != settings.map_file:
             name = f"{_stem(name)}.npz"
-        return _stem(str(files.named(name, self._node.settings.map_file, making)))
+        return _stem(str(settings.files.named(name, settings.map_file, making)))
 
 
 def _stem(name: str) -> Path:

@@ -86,7 +86,7 @@ class MapPublisher:
     """Outputs of a map, in its frame."""
 
     def __init__(self, node: SuiteNode, made: MapInUse) -> None:
-        self._map, self._output = made, MapOutput(node)
+        self._node, self._map, self._output = node, made, MapOutput(node)
         self._frame = frame_name(node.settings.map_frame)
         self._path = node.add_output(PathMessage, "trajectory", LATCHED)
         self._points = node.add_output(PointCloud2, "map_points", LATCHED)
@@ -129,13 +129,14 @@ class MapPublisher:
             made.draw()
             self._output.send_changes(self._header(made.stamp), made.grid, made.place)
 
-    def message(self, stamp: int) -> GridMessage:
+    def message(self) -> GridMessage:
         """The grid with all that is known, for one who asks. Raises InputError where there is none yet."""
         made = self._map
         if not made.flat:
             raise InputError("there is no map of scans yet")
         made.grid.update(made.slam)
-        return self._output.message(self._header(stamp), made.grid, made.place)
+        header = self._header(self._node.now if made.stamp is None else made.stamp)
+        return self._output.message(header, made.grid, made.place)
 
     def _header(self, stamp: int) -> Header:
         return Header(stamp=time_message(stamp), frame_id=self._frame)

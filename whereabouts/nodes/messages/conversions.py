@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Quaternion
-from nav_msgs.msg import Odometry as OdometryMessage
 from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_msgs.msg import Header
@@ -87,11 +86,6 @@ def pose_from_message(pose: Any) -> Array:
     """
     p, q = pose.position, pose.orientation
     return pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])
-
-
-def wheel_pose(message: OdometryMessage) -> Array:
-    """Planar pose (3,) x, y, yaw of an Odometry message."""
-    return pose_from_message(message.pose.pose)[PLANAR]
 
 
 def fill_pose(pose: Any, value: Array) -> None:

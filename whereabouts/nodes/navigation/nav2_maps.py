@@ -5,9 +5,10 @@ Services: `map_saver/save_map`, `map_server/load_map`, `map_server/map`, `reinit
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote
 
 from nav_msgs.srv import GetMap
@@ -15,16 +16,20 @@ from std_srvs.srv import Empty
 
 from estimation.errors import InputError
 from whereabouts.nodes.mapping.map_files import MapFiles
-
-if TYPE_CHECKING:
-    from whereabouts.nodes.loop_closure_node import LoopClosureNode
+from whereabouts.nodes.mapping.map_publisher import MapPublisher
+from whereabouts.nodes.ros.base import SuiteNode
 
 
 class Nav2Maps:
-    """nav2's services of a map; files are named as in the node's own services, and as safe."""
+    """nav2's services of a map; files are named as in the node's own services, and as safe.
 
-    def __init__(self, node: LoopClosureNode, files: MapFiles) -> None:
-        self._node, self._files = node, files
+    look_anew : looks for the robot in the whole map.
+    """
+
+    def __init__(
+        self, node: SuiteNode, files: MapFiles, publisher: MapPublisher, look_anew: Callable[[], None]
+    ) -> None:
+        self._node, self._files, self._publisher, self._look_anew = node, files, publisher, look_anew
         node.add_service(GetMap, "map_server/map", self._get)
         node.add_service(Empty, "reinitialize_global_localization", self._look)
         try:
@@ -42,10 +47,10 @@ class Nav2Maps:
             node.add_service(kind, name, answer)
 
     def _get(self, _: GetMap.Request, response: GetMap.Response) -> None:
-        response.map = self._node.map_now()
+        response.map = self._publisher.message()
 
     def _look(self, _request: Empty.Request, _: Empty.Response) -> None:
-        self._node.look_anew()
+        self._look_anew()
 
     def _save(self, request: Any, response: Any) -> None:
         topics = [self._node.resolve_topic_name(name) for name in (request.map_topic or "map", "map")]
@@ -86,7 +91,7 @@ class Nav2Maps:
             return
         response.result = response.RESULT_SUCCESS
         with suppress(InputError):  # there is no image of clouds
-            response.map = self._node.map_now()
+            response.map = self._publisher.message()
 
     def _complain(self, problem: str) -> None:
         self._node.complain(f"service map_server/load_map: {problem}", key=("load_map", problem))

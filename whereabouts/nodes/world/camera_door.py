@@ -6,7 +6,7 @@ What was in view comes from them, so that what a detector does not report is evi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from whereabouts.nodes.messages.conversions import scan_from_message
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.recorded.camera_messages import TOLERANCE, Cameras, check_depth, depth_from_message
 from whereabouts.recorded.evidence_messages import SeenFrame
 from world_model.camera import (
@@ -34,9 +35,7 @@ from world_model.camera import located as placed_by_depth
 from world_model.camera import located_by_scan as placed_by_scan
 from world_model.camera.rates import SUFFIX
 from world_model.kept_file import KeptFile
-
-if TYPE_CHECKING:
-    from whereabouts.nodes.world_model_node import WorldModelNode
+from world_model.memory.store import Store
 
 Array = NDArray[np.float64]
 
@@ -44,22 +43,22 @@ Array = NDArray[np.float64]
 class CameraDoor:
     """A node's camera inputs, and the view at a stamp.
 
-    take_boxes, take_detections : handlers of `detections_2d` and `detections`. frames : as of `Input`, of messages with
-    a header. kept : the file of what was learned.
+    store : the world's. take_boxes, take_detections : handlers of `detections_2d` and `detections`. kept : the file of
+    what was learned.
     """
 
     def __init__(
         self,
-        node: WorldModelNode,
+        node: SuiteNode,
+        map_frame: str,
+        store: Store | None,
         take_boxes: Callable[[Detection2DArray, int], None],
         take_detections: Callable[[Detection3DArray, int], None],
     ) -> None:
-        self._node = node
-        settings = node.settings
-        self.from_scan = settings.depth_from_scan
+        self._node, self._map = node, map_frame
+        self.from_scan = node.settings.depth_from_scan
         self.cameras = Cameras()
         self.rates = SightRates()
-        store = node.model.store
         beside = None if store is None else store.path.with_name(store.path.name + SUFFIX)
         self.kept = KeptFile(beside, "rates of detection", self.rates.read, self.rates.write)
         self.reset()
@@ -91,7 +90,7 @@ class CameraDoor:
         wanted = [frame] if frame else []
         if frame not in self.cameras.lenses and len(self.cameras.lenses) == 1:
             wanted += list(self.cameras.lenses)
-        return [(self._node.map_frame, name) for name in wanted]
+        return [(self._map, name) for name in wanted]
 
     def _take_info(self, message: CameraInfo, stamp: int) -> None:
         self.cameras.take_info(message, frame_name(message.header.frame_id))
@@ -125,7 +124,7 @@ class CameraDoor:
         if at == stamp:
             return None
         try:
-            then = self._node.transforms.lookup(self._node.map_frame, frame, at)
+            then = self._node.transforms.lookup(self._map, frame, at)
         except TransformError:
             return None
         return np.asarray(np.linalg.solve(then, pose))
@@ -183,7 +182,7 @@ class CameraDoor:
         try:
             points = scan_from_message(message).points()
             frame = frame_name(message.header.frame_id)
-            there = self._node.transforms.lookup(self._node.map_frame, frame, at)
+            there = self._node.transforms.lookup(self._map, frame, at)
         except (InputError, TransformError) as error:
             self._depth.refuse(str(error))
             return None

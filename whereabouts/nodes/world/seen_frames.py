@@ -9,7 +9,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
-from estimation.geometry.frame_tree import TransformError
 from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.messages.transforms import check_frame, frame_name
@@ -49,13 +48,8 @@ class SeenFrames:
 
     def at(self, frame: str, stamp: int) -> SeenFrame:
         """From a frame to the world, with what is uncertain about it."""
-        transforms = self._node.transforms
-        matrix = transforms.lookup(self._map, frame, stamp)
-        try:
-            origin = transforms.lookup(self._map, self._node.settings.base_frame, stamp)[:2, 3]
-        except TransformError:
-            origin = matrix[:2, 3]
-        return SeenFrame(matrix, origin, self._pose_covariance(stamp))
+        frames = self._map, self._node.settings.base_frame
+        return SeenFrame.placed(self._node.transforms, frames, frame, stamp, self._pose_covariance(stamp))
 
     def _pose_covariance(self, stamp: int) -> Array:
         """Of the robot in the map over x, y, yaw: the one it was given with its pose, else the configured one."""

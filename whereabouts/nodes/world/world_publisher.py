@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
+import numpy as np
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection3DArray
 from visualization_msgs.msg import MarkerArray
@@ -11,6 +10,7 @@ from visualization_msgs.msg import MarkerArray
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.world_messages import (
     ObjectMessages,
+    by_id,
     detections_message,
     hypotheses_message,
     marker_messages,
@@ -21,18 +21,21 @@ from whereabouts.nodes.ros.qos import HEARD_LATCHED
 from whereabouts_msgs.msg import WorldHypotheses
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import WorldModel, WorldObject, WorldState
-from world_model.queries import Words
 
 # Of the messages with hypotheses: s between two, and how many are in one.
 HYPOTHESES_PERIOD, PUBLISHED = 0.2, 20
 
 
 class WorldPublisher:
-    """Outputs in the world's frame; all but the state only for listeners."""
+    """Outputs in the world's frame; all but the state only for listeners.
 
-    def __init__(self, node: SuiteNode, map_frame: str, words: Words) -> None:
-        self._map, self._words = map_frame, words
-        self._messages = ObjectMessages(words)
+    shown : objects that were published last. stamp : of these, ns.
+    """
+
+    def __init__(self, node: SuiteNode, map_frame: str, model: WorldModel) -> None:
+        self.map_frame, self.model = map_frame, model
+        self._messages = ObjectMessages(model.words)
+        self.shown: list[WorldObject] = []
         self._state = node.add_output(StateMessage, "world_state", HEARD_LATCHED)
         self._hypotheses = node.add_output(WorldHypotheses, "world_hypotheses")
         self._objects = node.add_output(Detection3DArray, "objects")
@@ -42,26 +45,35 @@ class WorldPublisher:
     def begin(self) -> None:
         """A new run: hypotheses are due."""
         self._hypotheses_at: int | None = None
+        self.stamp = 0
 
-    def send(self, state: WorldState, shown: Sequence[WorldObject], stamp: int, model: WorldModel) -> None:
-        """Publish a state of the model; shown : its objects in order. stamp : ns."""
-        header = self.header(stamp)
-        objects = [self._messages.message(item) for item in shown]
+    def send(self, state: WorldState, stamp: int) -> None:
+        """Publish a state of the model, at a stamp, ns, or at its own if that is later."""
+        self.stamp = stamp = stamp if state.stamp <= stamp / NANOSECONDS else round(state.stamp * NANOSECONDS)
+        self.shown = by_id(state.objects)
+        header = Header(stamp=time_message(max(stamp, 0)), frame_id=self.map_frame)
+        objects = [self._messages.message(item) for item in self.shown]
         self._state.publish(state_message(state, header, objects))
         if self._objects.wanted:
             self._objects.publish(detections_message(header, objects))
         if self._markers.wanted:
-            self._markers.publish(marker_messages(header, shown, self._words))
+            self._markers.publish(marker_messages(header, self.shown, self.model.words))
         kept = list(state.objects)
         if self._hypotheses.wanted and self._is_time_for_hypotheses(stamp):
-            hypotheses = model.hypotheses()[:PUBLISHED]
+            hypotheses = self.model.hypotheses()[:PUBLISHED]
             self._hypotheses.publish(hypotheses_message(hypotheses, header, self._messages))
         self._messages.keep(kept)
-        self._words.keep(kept)
+        self.model.words.keep(kept)
 
-    def header(self, stamp: int) -> Header:
-        """Of a message in the world's frame."""
-        return Header(stamp=time_message(max(stamp, 0)), frame_id=self._map)
+    def now_known(self) -> WorldState:
+        """The most probable world as it is."""
+        if not np.isfinite(self.model.stamp):
+            return WorldState((), 1.0, 0.0, 0.0, self.model.epoch)
+        return self.model.propagate(self.model.stamp)
+
+    def after_change(self) -> None:
+        """Somebody has corrected the world: say how it is now."""
+        self.send(self.now_known(), self.stamp)
 
     def _is_time_for_hypotheses(self, stamp: int) -> bool:
         since = None if self._hypotheses_at is None else (stamp - self._hypotheses_at) / NANOSECONDS

@@ -10,6 +10,8 @@ import numpy as np
 
 from estimation.geometry.poses import pose_to_matrix
 from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, ScanRecord, TransformRecord
+from whereabouts.logs.bags.encode import time, xyz
+from whereabouts.messages.decode import NANOSECONDS
 from whereabouts.recorded.world_log import EVIDENCE
 from whereabouts.simulation.home.apartment_day import (
     CLOUD_RATE,
@@ -22,11 +24,10 @@ from whereabouts.simulation.home.apartment_day import (
 )
 from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT, LASER_HEIGHT
 from whereabouts.simulation.shapes import Array
-from whereabouts.simulation.world_bag import SuiteMessages
+from whereabouts.simulation.world_bag import SuiteMessages, distribution, pose
 
 START = datetime(2026, 5, 4, 9, 0, tzinfo=UTC).timestamp()
 TARGETS, STATE = "whereabouts_msgs/msg/TargetArray", "whereabouts_msgs/msg/WorldState"
-NANOSECONDS = 1_000_000_000
 GRAIN = 64.0
 """Points of the sparse cloud are rounded to 1/64 m, which is less than their error, to be small."""
 
@@ -86,82 +87,58 @@ class MomentWriter:
 
     def _people(self, moment: Moment, stamp: float) -> Any:
         """Everybody: label from 1 on, beams of the scan in `measurement_rate`, `occluded` where there is none."""
-        make = self._messages
         targets = [
-            make.make(
-                "whereabouts_msgs/msg/Target",
-                label=number,
-                label_probability=1.0,
-                position=make.vector("Point", [*_rounded(spot), 0.0]),
-                velocity=make.vector("Vector3", [*_rounded(velocity), 0.0]),
-                state_covariance=np.zeros(16),
-                weight=1.0,
-                extent=np.zeros(4),
-                measurement_rate=float(returns),
-                class_distribution=make.distribution({"person": 1.0}),
-                last_seen=make.time(stamp),
-                occluded=bool(returns == 0),
-            )
+            {
+                "label": number,
+                "label_probability": 1.0,
+                "position": xyz([*_rounded(spot), 0.0]),
+                "velocity": xyz([*_rounded(velocity), 0.0]),
+                "weight": 1.0,
+                "measurement_rate": float(returns),
+                "class_distribution": distribution({"person": 1.0}),
+                "last_seen": _time(stamp),
+                "occluded": bool(returns == 0),
+            }
             for number, (spot, velocity, returns) in enumerate(
                 zip(moment.people, moment.velocities, moment.returns, strict=True), start=1
             )
         ]
-        return make.make(
+        return self._messages.make(
             TARGETS,
-            header=make.header(stamp, "map"),
+            header={"stamp": _time(stamp), "frame_id": "map"},
             targets=targets,
             expected_count=float(len(targets)),
         )
 
     def _objects(self, moment: Moment, stamp: float) -> Any:
         """What lies about; what is carried is left out."""
-        objects = [
-            self._object(name, spot, stamp) for name, spot in moment.things.items() if spot is not None
-        ]
-        make = self._messages
-        return make.make(
+        objects = [_object(name, spot, stamp) for name, spot in moment.things.items() if spot is not None]
+        return self._messages.make(
             STATE,
-            header=make.header(stamp, "map"),
+            header={"stamp": _time(stamp), "frame_id": "map"},
             objects=objects,
             probability=1.0,
             expected_count=float(len(objects)),
-            hypothesis=0,
-            epoch=0,
         )
 
-    def _object(self, name: str, spot: Array, stamp: float) -> Any:
-        make, item = self._messages, THINGS[name][0]
-        nothing = make.vector("Vector3", np.zeros(3))
-        region = make.make(
-            "whereabouts_msgs/msg/Region", name="", center=make.pose(np.zeros(3)), size=nothing, polygon=[]
-        )
-        pose = make.make(
-            "geometry_msgs/msg/PoseWithCovariance", pose=make.pose(spot), covariance=np.zeros(36)
-        )
-        still = make.make(
-            "geometry_msgs/msg/TwistWithCovariance",
-            twist=make.make("geometry_msgs/msg/Twist", linear=nothing, angular=nothing),
-            covariance=np.zeros(36),
-        )
-        return make.make(
-            "whereabouts_msgs/msg/WorldObject",
-            id=name,
-            class_distribution=make.distribution({item.kind: 1.0}),
-            properties=[],
-            predicates=[item.color],
-            pose=pose,
-            velocity=still,
-            size=make.vector("Vector3", 2.0 * np.array(item.half)),
-            behaviors=make.distribution({}),
-            existence_probability=1.0,
-            lost=False,
-            region=region,
-            place="",
-            place_probability=0.0,
-            last_seen=make.time(stamp),
-            first_seen=make.time(START),
-            alternatives=[],
-        )
+
+def _object(name: str, spot: Array, stamp: float) -> dict[str, Any]:
+    item = THINGS[name][0]
+    return {
+        "id": name,
+        "class_distribution": distribution({item.kind: 1.0}),
+        "predicates": [item.color],
+        "pose": {"pose": pose(spot)},
+        "size": xyz(2.0 * np.array(item.half)),
+        "existence_probability": 1.0,
+        "region": {"center": pose(np.zeros(3))},
+        "last_seen": _time(stamp),
+        "first_seen": _time(START),
+    }
+
+
+def _time(stamp: float) -> dict[str, int]:
+    return time(round(stamp * NANOSECONDS))
 
 
 def _rounded(values: Array) -> Array:

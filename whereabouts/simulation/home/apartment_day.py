@@ -18,9 +18,9 @@ from whereabouts.simulation.home.apartment_camera import Camera, Item, person_bl
 from whereabouts.simulation.home.apartment_people import Moving, Resident, Stay, live
 from whereabouts.simulation.home.floor_plan import Apartment, apartment
 from whereabouts.simulation.lidar import Lidar
-from whereabouts.simulation.people import positions
 from whereabouts.simulation.robot import Drive, Wheels
 from whereabouts.simulation.shapes import Array, Shapes, box, joined
+from whereabouts.simulation.walkers import positions
 from world_model import WorldEvidence
 
 SEED = 20

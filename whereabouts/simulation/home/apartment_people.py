@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from estimation.errors import InputError
-from whereabouts.simulation.people import SimulatedWalker, random_build
 from whereabouts.simulation.shapes import Array
+from whereabouts.simulation.walkers import SimulatedWalker, random_build
 
 # Spots people walk over or stay at, m.
 SPOTS: dict[str, tuple[float, float]] = {
@@ -147,19 +147,12 @@ def _free(way: Array, leaving: float, remain: float, speed: float, others: Seque
     """Whether nobody comes near while one walks a way from `leaving` and remains at its end."""
     walker = SimulatedWalker(way, speed, start=leaving)
     times = np.arange(leaving, walker.duration + remain + 2.0, STEP)
-    mine = _spots(walker, times)
+    mine = walker.path(times)
     for other in others:
         if isinstance(other, SimulatedWalker):
-            theirs = _spots(other, times)
+            theirs = other.path(times)
         else:
             theirs = np.array([other(float(time))[:2] for time in times])
         if np.linalg.norm(mine - theirs, axis=1).min() < CLEAR:
             return False
     return True
-
-
-def _spots(walker: SimulatedWalker, times: Array) -> Array:
-    """Positions (T, 2) at times (T,), s."""
-    along = np.array([walker.walked(float(time)) for time in times])
-    marks = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(walker.waypoints, axis=0), axis=1))))
-    return np.stack([np.interp(along, marks, walker.waypoints[:, k]) for k in range(2)], axis=1)

@@ -81,8 +81,8 @@ class LiveHousehold:
         )
 
 
-def household(seed: int, duration: float, moved: int = 2, begin: float = TOURED) -> LiveHousehold:
-    """Three people, each of whom carries `moved` things about, one every two minutes or so from `begin` on."""
+def household(seed: int, duration: float) -> LiveHousehold:
+    """Three people, each of whom carries two things about, one every two minutes or so from `TOURED` on."""
     rng = np.random.default_rng([seed, 7])
     shelves = {name: list(spots) for name, spots in SHELVES.items()}
     others = [name for name in HOME_OF if name not in (ASKED, MOVED)]
@@ -91,7 +91,7 @@ def household(seed: int, duration: float, moved: int = 2, begin: float = TOURED)
     people: list[Resident] = []
     puts: dict[str, list[tuple[float, float, float]]] = {}
     for names, speed in zip(carried, SPEEDS, strict=True):
-        day = _day(rng, names[:moved], shelves, puts, begin, duration)
+        day = _day(rng, names, shelves, puts, duration)
         people.append(live(rng, day, [person.walker for person in people], duration, speed))
     return LiveHousehold(tuple(people), puts)
 
@@ -101,14 +101,13 @@ def _day(
     names: list[str],
     shelves: dict[str, list[tuple[float, float, float]]],
     puts: dict[str, list[tuple[float, float, float]]],
-    begin: float,
     duration: float,
 ) -> list[Stay]:
     """Stops of one person, who takes each of some things to another place."""
     day = [Stay(str(rng.choice(LOUNGES)), float(rng.uniform(5.0, 25.0)))]
     while len(day) < 4:
         day.append(Stay(_other(rng, day[-1].spot), float(rng.uniform(8.0, 30.0))))
-    due = begin + float(rng.uniform(0.0, 40.0))
+    due = TOURED + float(rng.uniform(0.0, 40.0))
     for name in names:
         if name == MOVED:
             there, spot = "bag_place", PUT[MOVED][0]
@@ -141,11 +140,9 @@ class LiveDay:
     home: Apartment = field(default_factory=apartment)
     scans: bool = True
     clouds: bool = True
-    begin: float = TOURED
-    moved: int = 2
 
     def __post_init__(self) -> None:
-        self.household = household(self.seed, self.duration, self.moved, self.begin)
+        self.household = household(self.seed, self.duration)
         self.grid = floor_plan(self.home)
         self.robot = Driver(self.grid, np.zeros(3))
         self.taken: str | None = None

@@ -92,12 +92,13 @@ class SimulatedWalker:
 
     def position(self, time: float) -> Array:
         """(2,) metres at `time` seconds."""
-        along, marks = self.walked(time), self._marks  # type: ignore[attr-defined]
-        return np.array([np.interp(along, marks, self.waypoints[:, k]) for k in range(2)])
+        return self.path(np.array([time]))[0]
 
     def path(self, times: Array) -> Array:
         """(T, 2) metres at `times` (T,) s."""
-        return np.array([self.position(time) for time in times])
+        along = np.interp(times, self._times, self._walked)  # type: ignore[attr-defined]
+        marks = self._marks  # type: ignore[attr-defined]
+        return np.stack([np.interp(along, marks, self.waypoints[:, k]) for k in range(2)], axis=1)
 
     def velocity(self, time: float) -> Array:
         """(2,) m/s at `time` seconds."""

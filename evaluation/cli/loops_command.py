@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from evaluation.cli.experiment import Dask
+from evaluation.cli.experiment_command import Dask
 from whereabouts.cli.common import JsonFile, argument, file_to_write, option, write_figures
 
 if TYPE_CHECKING:

@@ -35,30 +35,25 @@ def odometry(
     If the log does not say how the sensor is mounted, it is the trajectory of the sensor. Its frame is that of the
     first scan. The format is `stamp x y z qx qy qz qw`, one line per scan, in the log's order.
     """
-    from contextlib import nullcontext
-
-    from whereabouts.logs import TumWriter
+    from whereabouts.logs import write_tum
     from whereabouts.recorded.follow import follow
 
     stamps: list[float] = []
-    places: list[Any] = []
+    poses: list[Any] = []
     unsure = 0
     started = time.perf_counter()
-    with (
-        reading(source, "following", params, topic) as log,
-        TumWriter(out) if out is not None else nullcontext() as writer,
-    ):
+    with reading(source, "following", params, topic) as log:
         config = None if log.robot is None else log.robot.settings.odometry
         for followed in follow(log.records, config, use_wheels=wheels, topic=log.topic):
-            pose = followed.pose
             stamps.append(followed.stamp)
-            places.append(pose[:2] if pose.ndim == 1 else pose[:3, 3])
+            poses.append(followed.pose)
             unsure += not followed.converged
-            if writer is not None:
-                writer.write(followed.stamp, pose)
             log.advance(len(stamps))
         log.require(len(stamps))
+    if out is not None:
+        write_tum(out, stamps, poses)
     elapsed, count, duration = time.perf_counter() - started, len(stamps), stamps[-1] - stamps[0]
+    places = (pose[:2] if pose.ndim == 1 else pose[:3, 3] for pose in poses)
     length = sum(math.dist(a, b) for a, b in itertools.pairwise(places))
     typer.echo(
         f"{counted(count, 'scan')} over {duration:.1f} s, path {length:.1f} m, {unsure} unsure, "

@@ -36,14 +36,12 @@ Proposals = StrEnum("Proposals", ["both", "path", "places"])
 ClosuresOption = Annotated[
     Path | None, file_to_write("--closures", "C.csv", "Write the accepted closures to this file.")
 ]
-MapFile = Annotated[
-    Path | None,
-    file_to_write(
-        "--map",
-        "M.png",
-        "Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
-    ),
-]
+MAP_OPTION = file_to_write(
+    "--map",
+    "M.png",
+    "Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
+)
+MapFile = Annotated[Path | None, MAP_OPTION]
 InMap = Annotated[
     Path | None, option("--in-map", "Only localise in this map; do not change it.", metavar="M.npz")
 ]
@@ -193,14 +191,7 @@ def _pose(text: str):  # type: ignore[no-untyped-def]
 def merge(
     first: Annotated[Path, argument("FIRST.npz", "A saved map; its frame stays.")],
     second: Annotated[Path, argument("SECOND.npz", "A map of another session that overlaps it.")],
-    map_file: Annotated[
-        Path,
-        file_to_write(
-            "--map",
-            "M.png",
-            "Write the map to M.npz. From planar scans also write M.pgm and M.yaml, as map_saver does.",
-        ),
-    ],
+    map_file: Annotated[Path, MAP_OPTION],
 ) -> None:
     """Merge two saved maps: the second is found in the first without a guess, and both close loops with each other."""
     from loop_closure.maps.map_file import read_map

@@ -72,13 +72,13 @@ def demo(
         raise InputError("--days goes with --live")
     if live and rate is not None:
         raise InputError("--live: the day is made while it runs, in lock-step; leave --rate out")
-    from evaluation.demo import running
+    from evaluation.demo import demo_runs
 
     if weeks is not None:
-        running.weeks(out, weeks, seed, json_file)
+        demo_runs.weeks(out, weeks, seed, json_file)
     elif live:
-        running.live(out, range(seed, seed + days), json_file)
+        demo_runs.live(out, range(seed, seed + days), json_file)
     elif bag is not None:
-        running.recorded(bag, out, rate, seconds, json_file)
+        demo_runs.recorded(bag, out, rate, seconds, json_file)
     else:
-        running.apartment(out, rate, seconds, json_file)
+        demo_runs.apartment(out, rate, seconds, json_file)

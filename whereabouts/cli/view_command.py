@@ -104,5 +104,10 @@ def _live(sink: Any, until: float | None, namespace: str) -> Scene:
 
     prepare_environment()
     typer.echo("listening; Ctrl-C ends")
-    listen(scene.types, take, namespace, until, lambda topic: typer.echo(f"showing {topic}"))
+
+    def tell(_node: Any, new: list[str]) -> None:
+        for topic in new:
+            typer.echo(f"showing {topic}")
+
+    listen("whereabouts_view", scene.types, take, namespace, until, tell)
     return scene
