@@ -128,10 +128,7 @@ def alike(leaves, a, b, persistence, attributes):  # type: ignore[no-untyped-def
     runs = persistence[int(leaves.behavior[a, REST] <= 0.0)]
     if abs(leaves.visible[a] - leaves.visible[b]) * runs > SAME:
         return False
-    apart = 0.0
-    for m in range(4):
-        apart += abs(leaves.behavior[a, m] - leaves.behavior[b, m])
-    if apart > SAME:
+    if np.abs(leaves.behavior[a] - leaves.behavior[b]).sum() > SAME:
         return False
     apart = 0.0
     for c in range(attributes):
@@ -153,43 +150,20 @@ def alike(leaves, a, b, persistence, attributes):  # type: ignore[no-untyped-def
 @numba.njit(cache=True)
 def join(pool, rows, log_weights, persistence, attributes):  # type: ignore[no-untyped-def]
     """Replace leaves by a more probable one that says the same, in `rows` (H, T)."""
-    leaves = pool.leaves
-    H, T = rows.shape
+    leaves, T = pool.leaves, rows.shape[1]
     weights = np.exp(log_weights - log_weights.max())
-    slots = np.empty(H, np.int64)
-    mass = np.empty(H)
     for t in range(T):
-        count = 0
-        for h in range(H):
-            if rows[h, t] < 0:
-                continue
-            at = -1
-            for k in range(count):
-                if slots[k] == rows[h, t]:
-                    at = k
-                    break
-            if at < 0:
-                slots[count] = rows[h, t]
-                mass[count] = 0.0
-                at = count
-                count += 1
-            mass[at] += weights[h]
-        if count < 2:
-            continue
-        order = np.argsort(-mass[:count])
-        for x in range(count):
-            a = slots[order[x]]
-            if a < 0:
-                continue
-            for y in range(x + 1, count):
-                b = slots[order[y]]
-                if b < 0 or not alike(leaves, a, b, persistence, attributes):
-                    continue
-                for h in range(H):
-                    if rows[h, t] == b:
-                        rows[h, t] = a
-                release(leaves.track, pool.free, pool.top, b)
-                slots[order[y]] = -1
+        column = rows[:, t]
+        slots = np.unique(column[column >= 0])
+        mass = np.array([weights[column == slot].sum() for slot in slots])
+        slots = slots[np.argsort(-mass)]
+        for x in range(slots.size):
+            for y in range(x + 1, slots.size):
+                a, b = slots[x], slots[y]
+                if a >= 0 and b >= 0 and alike(leaves, a, b, persistence, attributes):
+                    column[column == b] = a
+                    release(leaves.track, pool.free, pool.top, b)
+                    slots[y] = -1
 
 
 @numba.njit(cache=True)

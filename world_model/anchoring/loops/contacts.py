@@ -90,20 +90,12 @@ def group_weight(members, size, j, local, touching, seen, movers):  # type: igno
         joined[at] = True
         weight += np.log(best)
     centres = movers.centres
-    centre = np.zeros(3)
-    S, inverse = seen.covariances[j].copy(), np.empty((3, 3))
-    for p in range(size):
-        for a in range(3):
-            centre[a] += centres[local[members[p]], a] / size
-            for b in range(3):
-                S[a, b] += movers.spreads[local[members[p]], a, b] / size**2
-    for p in range(size):
-        x = centres[local[members[p]]]
-        for a in range(3):
-            for b in range(3):
-                S[a, b] += (x[a] - centre[a]) * (x[b] - centre[b]) * SCATTER / size
-    z = seen.positions[j]
-    return weight + log_gauss(z[0] - centre[0], z[1] - centre[1], z[2] - centre[2], S, inverse)
+    own = local[members[:size]]
+    centre = centres[own].sum(0) / size
+    off = centres[own] - centre
+    S = seen.covariances[j] + movers.spreads[own].sum(0) / size**2 + SCATTER / size * off.T @ off
+    away = seen.positions[j] - centre
+    return weight + log_gauss(away[0], away[1], away[2], S, np.empty((3, 3)))
 
 
 @numba.njit(cache=True)
@@ -129,15 +121,9 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
                     near = near or touching[groups[g, p], w] > 0.0
                 if inside or not near or count >= MOST_TRIED:
                     continue
-                at = 0
+                groups[count, :size] = groups[g, :size]
                 groups[count, size] = w
-                for p in range(size):
-                    if groups[g, p] < w:
-                        groups[count, p] = groups[g, p]
-                        at = p + 1
-                    else:
-                        groups[count, p + 1] = groups[g, p]
-                groups[count, at] = w
+                groups[count, : size + 1].sort()
                 for other in range(end, count):
                     if same(groups[other], groups[count]):
                         groups[count] = -1
@@ -151,11 +137,11 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def same(one, other):  # type: ignore[no-untyped-def]
-    """Whether two groups (MOST_MEMBERS,) have the same members."""
-    alike = True
-    for q in range(MOST_MEMBERS):
-        alike = alike and one[q] == other[q]
-    return alike
+    """Whether two rows (N,) of indices are the same."""
+    for k in range(one.size):
+        if one[k] != other[k]:
+            return False
+    return True
 
 
 @numba.njit(cache=True)
@@ -179,15 +165,8 @@ def merge_events(local, touching, used, missing, seen, movers, threshold):  # ty
                 gain += np.log(movers.present[local[groups[g, p]]]) - missing[local[groups[g, p]]]
             worst = np.argmin(gains)
             if gain > -threshold and gain > gains[worst]:
-                gains[worst] = gain
-                row[worst] = r
-                for p in range(MOST_MEMBERS):
-                    members[worst, p] = groups[g, p]
-    order = np.argsort(-gains)
-    kept = 0
-    while kept < MOST_EVENTS and gains[order[kept]] > -np.inf:
-        kept += 1
-    order = order[:kept]
+                gains[worst], row[worst], members[worst] = gain, r, groups[g]
+    order = np.argsort(-gains)[: (gains > -np.inf).sum()]
     return members[order], row[order], gains[order]
 
 
@@ -257,41 +236,21 @@ def correct_shared(leaves, i, slots, group, z, R, stamp):  # type: ignore[no-unt
     So the covariance of the difference of two, the sum of theirs, is what it is without these detections, and who is
     who when they part is decided on what is known.
     """
-    size, spread, centre = 0, 0.0, np.zeros(3)
-    CH, S, inverse, off = np.zeros((6, 3)), R.copy(), np.empty((3, 3)), np.empty(3)
-    for g in group:
-        size += g >= 0
-    for g in group:
-        if g < 0:
-            continue
-        for b in range(3):
-            centre[b] += leaves.moving[slots[g], b] / size
-            spread += leaves.moving_cov[slots[g], b, b] / size
-            for a in range(6):
-                CH[a, b] += leaves.moving_cov[slots[g], a, b] / size**2
-    for a in range(3):
-        off[a] = z[a] - centre[a]
-        for b in range(3):
-            S[a, b] += CH[a, b]
-    for g in group:
-        if g < 0:
-            continue
-        x = leaves.moving[slots[g]]
-        for a in range(3):
-            for b in range(3):
-                S[a, b] += SCATTER * (x[a] - centre[a]) * (x[b] - centre[b]) / size
+    own = slots[group[group >= 0]]
+    size, P, inverse = own.size, leaves.moving_cov[i], np.empty((3, 3))
+    centre = leaves.moving[own, :3].sum(0) / size
+    off = leaves.moving[own, :3] - centre
+    CH = leaves.moving_cov[own, :, :3].sum(0) / size**2
+    S = R + CH[:3] + SCATTER / size * off.T @ off
     inverse_3x3(S, inverse)
-    P, moved = leaves.moving_cov[i], CH @ inverse @ off
-    for a in range(6):
-        # Who is known less well is moved more.
-        leaves.moving[i, a] += moved[a] * (P[0, 0] + P[1, 1] + P[2, 2]) / spread
+    # Who is known less well is moved more.
+    share = np.trace(P[:3, :3]) / (size * np.trace(CH[:3]))
+    leaves.moving[i] += share * (CH @ inverse @ (z - centre))
     leaves.together[i] += 1
-    here = leaves.behavior[i, REST] + leaves.behavior[i, MOVING]
-    if here > 0.0:
-        leaves.behavior[i, REST] /= here
-        leaves.behavior[i, MOVING] /= here
-    leaves.behavior[i, AWAY] = 0.0
-    leaves.behavior[i, NONE] = 0.0
+    pi = leaves.behavior[i]
+    pi[AWAY] = pi[NONE] = 0.0
+    if pi.sum() > 0.0:
+        pi /= pi.sum()
     leaves.visible[i] = 1.0
     leaves.last[i] = max(stamp, leaves.last[i])
     leaves.missed[i] = 0.0

@@ -74,18 +74,13 @@ def expand(rows, log_weights, matrix, missing, seen, movers, keep, threshold):  
     counts = np.zeros(2, np.int64)
     best = -np.inf
     for h in order:
-        weight = log_weights[h] + everything_new
         # The parents are sorted: no child of this one or a later one is among the best. Groups that share a detection
         # may gain a little more.
-        if weight + most < best - (3.0 if sharing else 1.0) * threshold:
+        if log_weights[h] + everything_new + most < best - (3.0 if sharing else 1.0) * threshold:
             break
-        columns, local, n = np.empty(T, np.int64), np.empty(T, np.int64), 0
-        for t in range(T):
-            if rows[h, t] >= 0:
-                columns[n], local[n] = t, rows[h, t]
-                weight += missing[rows[h, t]]
-                n += 1
-        columns, local = columns[:n], local[:n]
+        columns = np.flatnonzero(rows[h] >= 0)
+        local = rows[h][columns]
+        weight = log_weights[h] + everything_new + missing[local].sum()
         touching = np.zeros((0, 0))
         if sharing and local.size > 1:
             touching = contacts(local, movers)
@@ -96,11 +91,8 @@ def expand(rows, log_weights, matrix, missing, seen, movers, keep, threshold):  
         k = min(max(1, int(np.ceil(keep * share[h]))), keep)
         best = _add_children(parent, k, missing, seen, movers, threshold, children, counts, best)
     weights = children.weights
-    ranked = np.argsort(-weights[: counts[0]])
-    kept = 0
-    while kept < min(keep, counts[0]) and weights[ranked[kept]] >= best - threshold:
-        kept += 1
-    ranked = ranked[:kept]
+    ranked = np.argsort(-weights[: counts[0]])[:keep]
+    ranked = ranked[weights[ranked] >= best - threshold]
     return Children(
         children.parents[ranked], children.choice[ranked], weights[ranked], children.groups[: counts[1]]
     )
@@ -192,8 +184,7 @@ def _add_children(parent, k, missing, seen, movers, threshold, children, counts,
             best = max(best, weight)
             at = counts[0]
             children.parents[at], children.weights[at] = parent.number, weight
-            for c in range(n):
-                children.choice[at, parent.columns[c]] = chosen[c]
+            children.choice[at, parent.columns] = chosen
             counts[0] += 1
     return best
 
@@ -221,10 +212,9 @@ def _share(parent, events_chosen, events, event_row, M, groups, counts, chosen):
     for event in events_chosen:
         if event < 0:
             continue
-        for q in range(MOST_MEMBERS):
-            member[q] = -1
-            if events[event, q] >= 0:
-                member[q] = parent.local[events[event, q]]
+        own = events[event][events[event] >= 0]
+        member[:] = -1
+        member[: own.size] = parent.local[own]
         code = -1
         for g in range(counts[1]):
             if same(groups[g], member):
@@ -232,12 +222,9 @@ def _share(parent, events_chosen, events, event_row, M, groups, counts, chosen):
                 break
         if code < 0:
             code = min(counts[1], groups.shape[0] - 1)
-            for q in range(MOST_MEMBERS):
-                groups[code, q] = member[q]
+            groups[code] = member
             counts[1] = code + 1
-        for q in range(MOST_MEMBERS):
-            if events[event, q] >= 0:
-                chosen[events[event, q]] = M * (1 + code) + parent.used[event_row[event]]
+        chosen[own] = M * (1 + code) + parent.used[event_row[event]]
 
 
 @numba.njit(cache=True)
@@ -291,7 +278,7 @@ def components(rows, log_weights, tolerance):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def unify(rows, log_weights):  # type: ignore[no-untyped-def]
     """Join hypotheses with the same leaves; returns rows and weights, the most probable first, sum one."""
-    H, T = rows.shape
+    H = len(rows)
     order = np.argsort(-log_weights)
     kept = np.empty(H, np.int64)
     mass = np.empty(H)
@@ -299,22 +286,17 @@ def unify(rows, log_weights):  # type: ignore[no-untyped-def]
     top = log_weights[order[0]]
     for at in range(H):
         h = order[at]
-        same = -1
+        known = -1
         for k in range(count):
-            equal = True
-            for t in range(T):
-                if rows[kept[k], t] != rows[h, t]:
-                    equal = False
-                    break
-            if equal:
-                same = k
+            if same(rows[kept[k]], rows[h]):
+                known = k
                 break
-        if same < 0:
+        if known < 0:
             kept[count] = h
             mass[count] = np.exp(log_weights[h] - top)
             count += 1
         else:
-            mass[same] += np.exp(log_weights[h] - top)
+            mass[known] += np.exp(log_weights[h] - top)
     mass = mass[:count]
     ranked = np.argsort(-mass)
     return rows[kept[:count][ranked]], np.log(mass[ranked] / mass.sum())
