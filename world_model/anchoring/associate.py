@@ -200,30 +200,20 @@ class Association:
         existence[which] = np.maximum(existence[which], together * look.room[which])
 
     def _linked(
-        self, hard: set[int], owners: list[int], gated: npt.NDArray[np.bool_]
+        self, hard: set[int], owners: list[int], linked: npt.NDArray[np.bool_]
     ) -> list[tuple[list[int], list[int]]]:
         """Clusters joined where they compete for a detection, with their detections."""
-        root = {number: number for number in hard}
-
-        def find(number: int) -> int:
-            while root[number] != number:
-                root[number] = root[root[number]]
-                number = root[number]
-            return number
-
-        claimed: dict[int, int] = {}
-        for k, j in zip(*(index.tolist() for index in np.nonzero(gated)), strict=True):
-            if owners[k] not in root:
-                continue
-            mine = find(owners[k])
-            other = find(claimed.setdefault(j, mine))
-            root[max(mine, other)] = min(mine, other)
-        groups: dict[int, tuple[list[int], list[int]]] = {}
-        for number in sorted(hard):
-            groups.setdefault(find(number), ([], []))[0].append(number)
-        for j, number in sorted(claimed.items()):
-            groups[find(number)][1].append(j)
-        return list(groups.values())
+        claims: dict[int, set[int]] = {number: set() for number in sorted(hard)}
+        for k, j in zip(*(index.tolist() for index in np.nonzero(linked)), strict=True):
+            if owners[k] in claims:
+                claims[owners[k]].add(j)
+        groups: list[tuple[list[int], set[int]]] = []
+        for number, detections in claims.items():
+            rivals = [group for group in groups if group[1] & detections]
+            groups = [group for group in groups if not group[1] & detections]
+            members = [number, *(member for others, _ in rivals for member in others)]
+            groups.append((sorted(members), detections.union(*(theirs for _, theirs in rivals))))
+        return [(members, sorted(detections)) for members, detections in sorted(groups)]
 
     def _branch(
         self, look: Look, members: list[int], detections: list[int], of: list[int], at: IntArray

@@ -8,7 +8,6 @@ place is found empty or the known object is found there after all.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -24,6 +23,7 @@ from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArra
 from world_model.anchoring.single import SingleObjects
 from world_model.config import motion_of
 from world_model.state import WorldObject
+from world_model.symbols import parse_symbol
 
 RETURN_SECONDS = 10.0  # Mean time for which a carried object is out of sight
 LEAST_ODDS = 1e-3
@@ -186,9 +186,8 @@ class Recognition:
             number, number, item.id, item.lost, recognised=True, region=item.region
         )
         anchors.clusters[number] = lonely(number, slot)
-        counted = re.fullmatch(r"(.+)-(\d+)", item.id)
-        if counted:
-            anchors.names[counted[1]] = max(anchors.names[counted[1]], int(counted[2]))
+        if (counted := parse_symbol(item.id)) is not None:
+            self.objects.reserve(dict([counted]))
         self.beliefs.show([number])
 
     def _attribute(self, item: WorldObject, slot: int) -> None:

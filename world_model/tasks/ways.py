@@ -11,6 +11,7 @@ from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Place, Places
+from estimation.geometry.rotations import wrap_angle
 from world_model.tasks.maintenance_kernels import straight_stop
 
 CLEARANCE = 0.25  # m a robot's middle keeps from what is occupied
@@ -101,7 +102,7 @@ class Ways:
         if aside:
             front = math.atan2(*(self.pose[:2] - target)[::-1])
             bearings = np.arctan2(*(spots - target).T[::-1])
-            same = np.abs(np.angle(np.exp(1j * (bearings - front)))) < ASIDE
+            same = np.abs(wrap_angle(bearings - front)) < ASIDE
             far = ~np.isfinite(lengths)
             order = order[np.argsort((same | far)[order] + 1.0 * far[order], kind="stable")]
         for index in order:

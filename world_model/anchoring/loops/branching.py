@@ -7,7 +7,7 @@ import numpy as np
 
 from world_model.anchoring.loops.contacts import correct_shared
 from world_model.anchoring.loops.kernels import copy_leaf, correct, create, miss
-from world_model.anchoring.loops.leaves import MOVING, REST
+from world_model.anchoring.loops.leaves import MOVING, REST, claim, release
 
 SAME = 0.1  # difference of two distributions that no later detection would tell; of attributes twice that
 SPREAD, APART = (
@@ -100,21 +100,6 @@ def _variant(rows, slots, at, j, groups, seen, blocks):  # type: ignore[no-untyp
     else:
         correct_shared(leaves, slot, slots, groups[j // M - 1], z, R, stamp)
     return slot
-
-
-@numba.njit(cache=True)
-def claim(free, top):  # type: ignore[no-untyped-def]
-    """A free row."""
-    top[0] -= 1
-    return free[top[0]]
-
-
-@numba.njit(cache=True)
-def release(track, free, top, slot):  # type: ignore[no-untyped-def]
-    """Give a row back; track (L,) : owners of all."""
-    track[slot] = -1
-    free[top[0]] = slot
-    top[0] += 1
 
 
 @numba.njit(cache=True)

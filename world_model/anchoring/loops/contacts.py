@@ -13,7 +13,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.anchoring.loops.kernels import inverse_3x3, log_gauss
-from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
+from world_model.anchoring.loops.leaves import AWAY, NONE, IntArray
 
 MERGED = 0.3  # that two movers at the same place, told apart at the last look, are detected as one
 STILL = 0.95  # that they are, if they were at the last look
@@ -125,7 +125,7 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
                 groups[count, size] = w
                 groups[count, : size + 1].sort()
                 for other in range(end, count):
-                    if same(groups[other], groups[count]):
+                    if np.array_equal(groups[other], groups[count]):
                         groups[count] = -1
                         break
                 if groups[count, 0] >= 0:
@@ -133,15 +133,6 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
         begin = end
         size += 1
     return groups, count
-
-
-@numba.njit(cache=True)
-def same(one, other):  # type: ignore[no-untyped-def]
-    """Whether two rows (N,) of indices are the same."""
-    for k in range(one.size):
-        if one[k] != other[k]:
-            return False
-    return True
 
 
 @numba.njit(cache=True)

@@ -20,7 +20,6 @@ from world_model.anchoring.loops.contacts import (
     contacts,
     merge_events,
     resolved_weight,
-    same,
 )
 from world_model.anchoring.loops.leaves import IntArray
 
@@ -217,7 +216,7 @@ def _share(parent, events_chosen, events, event_row, M, groups, counts, chosen):
         member[: own.size] = parent.local[own]
         code = -1
         for g in range(counts[1]):
-            if same(groups[g], member):
+            if np.array_equal(groups[g], member):
                 code = g
                 break
         if code < 0:
@@ -288,7 +287,7 @@ def unify(rows, log_weights):  # type: ignore[no-untyped-def]
         h = order[at]
         known = -1
         for k in range(count):
-            if same(rows[kept[k]], rows[h]):
+            if np.array_equal(rows[kept[k]], rows[h]):
                 known = k
                 break
         if known < 0:
