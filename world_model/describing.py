@@ -45,7 +45,7 @@ def ago(seconds: float) -> str:
 
 def spoken_time(seconds: float) -> str:
     """ "40 s", "20 min", "3 h", "4 days"."""
-    for unit, length, most in (("s", 1, 90), ("min", 60, 90), ("h", 3600, 48)):
+    for unit, length, most in (("s", 1, 90), ("min", 60, 120), ("h", 3600, 48)):
         if seconds < most * length:
             return f"{seconds / length:.0f} {unit}"
     return f"{seconds / 86400:.0f} days"

@@ -42,8 +42,6 @@ EMPTY_HALF_LIFE = HOUR  # s, in which a look that did not find a thing says half
 class Routines:
     """Learns while running; its memory is `days` times 24 h of slots for each thing, whatever is looked at how often.
 
-    Parameters
-    ----------
     config : what past moments count.
     """
 
@@ -89,9 +87,7 @@ class Routines:
     def look(self, place: str, objects: Iterable[str], stamp: float) -> None:
         """All things that are at `place` at `stamp` (UTC, s): what was there and is absent has gone.
 
-        Raises
-        ------
-        InputError : an empty name, a stamp that is not finite or before the newest look.
+        Raises InputError: an empty name, a stamp that is not finite or before the newest look.
         """
         named, _ = _names(objects), _name("place", place)
         self._known.advance(self._checked(stamp))
@@ -224,9 +220,7 @@ class Routines:
     def from_dict(cls, data: Mapping[str, Any]) -> Routines:
         """What `to_dict` gave: the same answers, the same learning.
 
-        Raises
-        ------
-        InputError : the data is not of this format and version.
+        Raises InputError: the data is not of this format and version.
         """
         if data.get("format") != FORMAT or data.get("version") != VERSION:
             raise InputError(f"not {FORMAT} of version {VERSION}")

@@ -95,9 +95,7 @@ class Looks:
     def opening(view: float | Mapping[str, Any] | Callable[[FloatArray], bool] | None) -> float:
         """Full angle of view, rad.
 
-        Raises
-        ------
-        InputError : not an angle above 0.
+        Raises InputError: not an angle above 0.
         """
         if view is None or callable(view):
             return 2.0 * math.pi

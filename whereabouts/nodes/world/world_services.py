@@ -16,7 +16,7 @@ from whereabouts.system.counting import counted
 from whereabouts.system.state_files import StateFiles
 from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
 from world_model.camera.rates import SUFFIX as CAMERA_SUFFIX
-from world_model.world import routines_path
+from world_model.model import routines_path
 
 if TYPE_CHECKING:
     from whereabouts.nodes.world_model_node import WorldModelNode

@@ -53,11 +53,9 @@ def contacts(local, movers):  # type: ignore[no-untyped-def]
             b = local[y]
             if present[b] <= 0.0:
                 continue
-            square, variance = 0.0, 0.0
-            for k in range(3):
-                square += (centres[a, k] - centres[b, k]) ** 2
-                # Planar movers have no spread in height.
-                variance += 0.5 * (spreads[a, k, k] + spreads[b, k, k])
+            off = centres[a] - centres[b]
+            # Planar movers have no spread in height.
+            square, variance = off @ off, 0.5 * (np.trace(spreads[a]) + np.trace(spreads[b]))
             near = reach * reach / (reach * reach + variance)
             # Of two that were one at the last look it is known that they are near.
             scale = MERGED * near
@@ -125,7 +123,7 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
                 groups[count, size] = w
                 groups[count, : size + 1].sort()
                 for other in range(end, count):
-                    if np.array_equal(groups[other], groups[count]):
+                    if same(groups[other], groups[count]):
                         groups[count] = -1
                         break
                 if groups[count, 0] >= 0:
@@ -133,6 +131,15 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
         begin = end
         size += 1
     return groups, count
+
+
+@numba.njit(cache=True)
+def same(one, other):  # type: ignore[no-untyped-def]
+    """Whether two rows (N,) of indices are the same."""
+    alike = True
+    for k in range(one.size):
+        alike = alike and one[k] == other[k]
+    return alike
 
 
 @numba.njit(cache=True)

@@ -16,9 +16,7 @@ from world_model.anchoring.loops.walking import flow, walk
 
 CARRY_SECONDS = 2.0  # an object in somebody's hand is put down after this long, on average
 VANISH_SECONDS = 5.0  # and is taken out of sight after this long
-UNMODELLED = (
-    0.02  # that a settled object is where it was, although it was not seen there: for unknown reasons
-)
+UNMODELLED = 0.02  # that a settled object is where it was, though not seen there, for reasons nobody knows
 HAND = 0.1  # m: put down this near, what was taken may as well have stayed
 NEARBY = 0.5  # m: and what was followed is known this well where it was put down
 SETTLED_HITS = 3
@@ -170,11 +168,9 @@ def log_gauss(dx, dy, dz, S, inverse):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def innovation(P, R, lag, S):  # type: ignore[no-untyped-def]
     """Covariance of a measured position `lag` seconds ago; P is (3, 3) or (6, 6)."""
-    for a in range(3):
-        for b in range(3):
-            S[a, b] = P[a, b] + R[a, b]
-            if P.shape[0] == 6:
-                S[a, b] += lag * lag * P[a + 3, b + 3] - lag * (P[a, b + 3] + P[a + 3, b])
+    S[:] = P[:3, :3] + R
+    if lag != 0.0 and P.shape[0] == 6:
+        S += lag * lag * P[3:, 3:] - lag * (P[:3, 3:] + P[3:, :3])
 
 
 @numba.njit(cache=True)

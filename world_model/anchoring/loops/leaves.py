@@ -69,6 +69,12 @@ def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
     return made._replace(variances=np.full((size, quantities), -1.0), **whole)
 
 
+def leaves_in(rows: IntArray) -> IntArray:
+    """Leaves (n,) of rows of hypotheses, each once."""
+    found: IntArray = np.unique(rows)
+    return found[found >= 0]
+
+
 class Rows(NamedTuple):
     """leaves, and the stack `free` (L,) of rows that are not in use, of which the first top[0] count."""
 

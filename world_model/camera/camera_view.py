@@ -56,11 +56,6 @@ class CameraView:
     taken: tuple[ImageBox, ...] = ()
     turned: FloatArray | None = None
 
-    @property
-    def knows_hidden(self) -> bool:
-        """Whether what hides an object has been measured."""
-        return self.depth is not None
-
     def seen(self, positions: FloatArray, sigmas: FloatArray, sizes: FloatArray) -> FloatArray:
         """Probability (N,) that objects would have been in the picture, whole and large enough.
 
