@@ -88,12 +88,20 @@ def group_weight(members, size, j, local, touching, seen, movers):  # type: igno
         joined[at] = True
         weight += np.log(best)
     centres = movers.centres
-    own = local[members[:size]]
-    centre = centres[own].sum(0) / size
-    off = centres[own] - centre
-    S = seen.covariances[j] + movers.spreads[own].sum(0) / size**2 + SCATTER / size * off.T @ off
-    away = seen.positions[j] - centre
-    return weight + log_gauss(away[0], away[1], away[2], S, np.empty((3, 3)))
+    centre = np.zeros(3)
+    S, inverse = seen.covariances[j].copy(), np.empty((3, 3))
+    for p in range(size):
+        for a in range(3):
+            centre[a] += centres[local[members[p]], a] / size
+            for b in range(3):
+                S[a, b] += movers.spreads[local[members[p]], a, b] / size**2
+    for p in range(size):
+        x = centres[local[members[p]]]
+        for a in range(3):
+            for b in range(3):
+                S[a, b] += (x[a] - centre[a]) * (x[b] - centre[b]) * SCATTER / size
+    z = seen.positions[j]
+    return weight + log_gauss(z[0] - centre[0], z[1] - centre[1], z[2] - centre[2], S, inverse)
 
 
 @numba.njit(cache=True)

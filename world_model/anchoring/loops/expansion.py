@@ -178,10 +178,13 @@ def _add_children(parent, missing, seen, movers, threshold, children, counts, be
 def _square(costs, rows, columns, start):  # type: ignore[no-untyped-def]
     """Costs of these detections, of these tracks or new (r, c + r), and the best weight of any assignment."""
     small, bound = np.full((rows.size, columns.size + rows.size), np.inf), start
-    small[:, : columns.size] = costs[rows][:, columns]
     for r in range(rows.size):
+        least = 0.0
+        for c in range(columns.size):
+            small[r, c] = costs[rows[r], columns[c]]
+            least = min(least, small[r, c])
         small[r, columns.size + r] = 0.0
-        bound -= small[r].min()
+        bound -= least
     return small, bound
 
 
