@@ -3,6 +3,7 @@
 from world_model.config import WorldModelConfig
 from world_model.evidence import ObjectEvidence, WorldEvidence
 from world_model.memory.routines import Routines, RoutinesConfig
+from world_model.model import WorldModel
 from world_model.questions import ask
 from world_model.state import WorldObject, WorldState
 from world_model.store import Store
@@ -11,7 +12,6 @@ from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance, MaintenanceConfig, Trigger, VerificationTask
 from world_model.tasks.relations import Relations
 from world_model.tasks.search import ObjectSearch, SearchConfig, SearchStep
-from world_model.world import WorldModel
 
 __all__ = [
     "Maintenance",

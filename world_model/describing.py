@@ -40,9 +40,12 @@ def ago(seconds: float) -> str:
     """ "3 min ago"; "now" for less than 5 s, "long ago" for what was never measured."""
     if not math.isfinite(seconds):
         return "long ago"
-    if seconds < 5.0:
-        return "now"
-    for unit, length, most in (("s", 1, 90), ("min", 60, 90), ("h", 3600, 48)):
+    return "now" if seconds < 5.0 else f"{spoken_time(seconds)} ago"
+
+
+def spoken_time(seconds: float) -> str:
+    """ "40 s", "20 min", "3 h", "4 days"."""
+    for unit, length, most in (("s", 1, 90), ("min", 60, 120), ("h", 3600, 48)):
         if seconds < most * length:
-            return f"{seconds / length:.0f} {unit} ago"
-    return f"{seconds / 86400:.0f} days ago"
+            return f"{seconds / length:.0f} {unit}"
+    return f"{seconds / 86400:.0f} days"

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray, as_finite, as_shape
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
-from world_model.camera.view import CameraView
+from world_model.camera.camera_view import CameraView
 
 Distribution = Mapping[str, float]
 SUM_TOLERANCE = 0.01

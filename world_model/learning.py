@@ -20,8 +20,8 @@ from world_model.anchoring.loops.kernels import clearance
 from world_model.anchoring.unseen import sensor_array
 from world_model.config import WorldModelConfig
 from world_model.evidence import SensorCone, WorldEvidence
+from world_model.model import WorldModel
 from world_model.state import WorldObject
-from world_model.world import WorldModel
 
 FEWEST_LOOKS = 20
 MARGIN = 0.15  # m inside the field of view from which an object must have been visible

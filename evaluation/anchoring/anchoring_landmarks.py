@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.checks import FloatArray
+from estimation.geometry.rotations import wrap_angle
 from evaluation.anchoring.mrclam import FIRST_LANDMARK, Sighting
-from world_model.calibration.sensor_bias import CONSTANT, basis, within
+from world_model.calibration.sensor_bias import CONSTANT, basis
 
 ROOM = np.array([[-1.5, 5.5], [-6.5, 6.5]])
 SPREAD = np.array([0.05, 0.02, 0.1, 0.01, 0.03, 0.03, 0.03])
@@ -75,7 +76,7 @@ class LandmarkWorld:
         for k in range(int(60.0 * self.minutes * RATE)):
             slow = fade * slow + np.sqrt(1.0 - fade**2) * slow_sigma * rng.normal()
             pose, goal, wait = drive(pose, goal, wait, dt, rng)
-            rate = np.array([*(pose[:2] - before[:2]), within(pose[2] - before[2])]) / dt
+            rate = np.array([*(pose[:2] - before[:2]), wrap_angle(pose[2] - before[2])]) / dt
             before = pose
             readings, subjects = self._look(places, pose, rate, constant, slow, rng)
             if subjects:
@@ -92,7 +93,7 @@ class LandmarkWorld:
     ) -> tuple[list[tuple[float, float]], list[int]]:
         off = places - pose[:2]
         distance = np.hypot(*off.T)
-        bearing = within(np.arctan2(off[:, 1], off[:, 0]) - pose[2])
+        bearing = wrap_angle(np.arctan2(off[:, 1], off[:, 0]) - pose[2])
         seen = (
             (np.abs(bearing) < VIEW) & (distance < REACH) & (distance > 0.7) & (rng.random(len(off)) < SEEN)
         )
@@ -106,7 +107,7 @@ class LandmarkWorld:
         for j in np.flatnonzero(seen).tolist():
             at = off[j] + moved[j]
             d = np.hypot(*at) * (1.0 + stretch + 0.005 * rng.normal())
-            b = float(within(np.arctan2(at[1], at[0]) - pose[2])) + turn + 0.004 * rng.normal()
+            b = float(wrap_angle(np.arctan2(at[1], at[0]) - pose[2])) + turn + 0.004 * rng.normal()
             if rng.random() < OUTLIERS:
                 b += rng.uniform(-0.1, 0.1)
                 d *= rng.uniform(0.9, 1.1)
@@ -124,8 +125,8 @@ def drive(
     off = goal - pose[:2]
     if np.hypot(*off) < 0.1:
         return pose, rng.uniform(ROOM[:, 0] + 0.3, ROOM[:, 1] - 0.3), float(rng.exponential(3.0))
-    left = float(within(np.arctan2(off[1], off[0]) - pose[2]))
+    left = float(wrap_angle(np.arctan2(off[1], off[0]) - pose[2]))
     turn = np.clip(left, -TURN * dt, TURN * dt)
     ahead = SPEED * dt if abs(left) < 0.3 else 0.0
-    yaw = float(within(pose[2] + turn))
+    yaw = float(wrap_angle(pose[2] + turn))
     return np.array([pose[0] + ahead * np.cos(yaw), pose[1] + ahead * np.sin(yaw), yaw]), goal, 0.0

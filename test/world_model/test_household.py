@@ -16,12 +16,12 @@ from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelCon
 from world_model.describing import ago, named
 from world_model.memory.household import DAYS, Household
 from world_model.memory.routines import FEWEST_DAYS
+from world_model.model import routines_path
 from world_model.tasks.growth import Growth
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance
 from world_model.tasks.relations import Relations
 from world_model.tasks.search import ObjectSearch
-from world_model.world import routines_path
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
 REGION = ((0.0, 9.5), (0.0, 8.5), (0.0, 2.5))

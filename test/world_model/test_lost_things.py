@@ -13,7 +13,7 @@ from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, WorldState
 from world_model.memory.household import Household
-from world_model.world import routines_path
+from world_model.model import routines_path
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
 REGION = ((0.0, 9.5), (0.0, 8.5), (0.0, 2.5))

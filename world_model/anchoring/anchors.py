@@ -19,7 +19,7 @@ from world_model.anchoring.attributes import Gaussian, Quantities, Vocabulary
 from world_model.anchoring.loops.branching import presence, same_worlds
 from world_model.anchoring.loops.clusters import Cluster, Track, combined
 from world_model.anchoring.loops.expansion import components, unify
-from world_model.anchoring.loops.leaves import AWAY, MOVING, REST, IntArray, Leaves, Pool
+from world_model.anchoring.loops.leaves import AWAY, MOVING, REST, IntArray, Leaves, Pool, leaves_in
 from world_model.anchoring.misses import detector_table
 from world_model.anchoring.touching import Rounds
 from world_model.anchoring.unseen import Unseen
@@ -112,8 +112,7 @@ class Anchors:
     def leaves_of(self, track: Track) -> IntArray:
         """Its leaves in all hypotheses."""
         cluster = self.clusters[track.cluster]
-        column = np.unique(cluster.rows[:, cluster.tracks.index(track.number)])
-        return column[column >= 0]
+        return leaves_in(cluster.rows[:, cluster.tracks.index(track.number)])
 
     def best_leaf(self, track: Track) -> int:
         """Its leaf in the most probable hypothesis, -1 for none."""

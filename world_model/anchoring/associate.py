@@ -19,7 +19,7 @@ from world_model.anchoring.loops.clusters import Track, lonely
 from world_model.anchoring.loops.contacts import Movers
 from world_model.anchoring.loops.expansion import expand, unify
 from world_model.anchoring.loops.gating import touch, weigh
-from world_model.anchoring.loops.leaves import MOVING, REST, IntArray
+from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, leaves_in
 from world_model.anchoring.loops.look import Classes, Detections, Look
 from world_model.anchoring.occlusion import free, hide, restrict
 from world_model.anchoring.touching import TOUCHING, sharing, touched_by
@@ -66,14 +66,9 @@ class Association:
         active = np.flatnonzero(leaves.track >= 0)
         if verified:
             active = active[~np.isin(leaves.track[active], sorted(verified))]
-        chosen, clear = np.empty(len(active), np.int64), np.empty(len(active))
-        count = touch(
-            leaves, active, seen, spread, sensor, known, measured.silent, anchors.motion, chosen, clear
-        )
-        chosen, clear = chosen[:count], clear[:count]
+        chosen, clear = touch(leaves, active, seen, spread, sensor, known, measured.silent, anchors.motion)
         self._hide(measured, chosen, clear, sensor)
-        matrix, missing = np.empty((count, M)), np.empty((count, 2))
-        weigh(leaves, chosen, clear, seen, self._classes, anchors.detector, matrix, missing)
+        matrix, missing = weigh(leaves, chosen, clear, seen, self._classes, anchors.detector)
         room = self._room(seen, measured, chosen)
         seen = self._with_origins(seen, measured, room * born.sum(0), clutter)
         usual = float(np.median(spread)) if M else anchors.config.measurement_sigma
@@ -112,7 +107,7 @@ class Association:
         in_cone = clear.copy()
         if view is not None and not measured.silent:
             restrict(self.anchors.leaves, chosen, clear, view, quantities)
-        told = view is not None and view.knows_hidden
+        told = view is not None and view.depth is not None
         if measured.sensor is not None and not measured.silent and not told:
             hide(self.anchors.leaves, chosen, clear, sensor, quantities)
         self._cover(chosen, in_cone - clear > COVERED)
@@ -135,26 +130,20 @@ class Association:
         owners = [self.anchors.tracks[t].cluster for t in tracks]
         first = linked.argmax(1).tolist() if M else [0] * len(tracks)
         alone = per_detection == 1
-        plain: list[int] = []
-        detection: list[int] = []
+        decided: dict[int, int] = {}
         hard: set[int] = set()
         of = [-1] * M
-        for k, number in enumerate(owners):
+        for k, (number, j) in enumerate(zip(owners, first, strict=True)):
             if not self.anchors.clusters[number].lonely:
                 hard.add(number)
             elif per_leaf[k] == 0:
-                plain.append(k)
-                detection.append(-1)
-            elif (
-                per_leaf[k] == 1 and alone[first[k]] and gated[k, first[k]] and ratio[k, first[k]] > THRESHOLD
-            ):
-                plain.append(k)
-                detection.append(first[k])
-                of[first[k]] = tracks[k]
+                decided[k] = -1
+            elif per_leaf[k] == 1 and alone[j] and gated[k, j] and ratio[k, j] > THRESHOLD:
+                decided[k], of[j] = j, tracks[k]
             else:
                 hard.add(number)
-        self._settle(look, plain, detection)
-        touched = [owners[k] for k in plain]
+        self._settle(look, decided)
+        touched = [owners[k] for k in decided]
         lone = np.flatnonzero(per_detection == 0)
         touched += self._begin(look, lone, of)
         at = np.full(self.anchors.pool.size, -1)
@@ -163,12 +152,13 @@ class Association:
             touched += self._branch(look, members, detections, of, at)
         return touched, of
 
-    def _settle(self, look: Look, plain: list[int], detection: list[int]) -> None:
-        if not plain:
+    def _settle(self, look: Look, decided: dict[int, int]) -> None:
+        """Leaves of a look take in their detections, -1 for missed."""
+        if not decided:
             return
-        k, blocks = np.array(plain), self.anchors.vocabulary.blocks
-        missing, clear = look.missing[k, 1], look.clear[k]
-        settle(self.anchors.leaves, look.chosen[k], np.array(detection), look.seen, blocks, missing, clear)
+        k, blocks = np.array([*decided]), self.anchors.vocabulary.blocks
+        missing, clear, detection = look.missing[k, 1], look.clear[k], np.array([*decided.values()])
+        settle(self.anchors.leaves, look.chosen[k], detection, look.seen, blocks, missing, clear)
 
     def _begin(self, look: Look, which: IntArray, of: list[int]) -> list[int]:
         """New lonely clusters for detections that no leaf explains; returns their numbers."""
@@ -200,30 +190,20 @@ class Association:
         existence[which] = np.maximum(existence[which], together * look.room[which])
 
     def _linked(
-        self, hard: set[int], owners: list[int], gated: npt.NDArray[np.bool_]
+        self, hard: set[int], owners: list[int], linked: npt.NDArray[np.bool_]
     ) -> list[tuple[list[int], list[int]]]:
         """Clusters joined where they compete for a detection, with their detections."""
-        root = {number: number for number in hard}
-
-        def find(number: int) -> int:
-            while root[number] != number:
-                root[number] = root[root[number]]
-                number = root[number]
-            return number
-
-        claimed: dict[int, int] = {}
-        for k, j in zip(*(index.tolist() for index in np.nonzero(gated)), strict=True):
-            if owners[k] not in root:
-                continue
-            mine = find(owners[k])
-            other = find(claimed.setdefault(j, mine))
-            root[max(mine, other)] = min(mine, other)
-        groups: dict[int, tuple[list[int], list[int]]] = {}
-        for number in sorted(hard):
-            groups.setdefault(find(number), ([], []))[0].append(number)
-        for j, number in sorted(claimed.items()):
-            groups[find(number)][1].append(j)
-        return list(groups.values())
+        claims: dict[int, set[int]] = {number: set() for number in sorted(hard)}
+        for k, j in zip(*(index.tolist() for index in np.nonzero(linked)), strict=True):
+            if owners[k] in claims:
+                claims[owners[k]].add(j)
+        groups: list[tuple[list[int], set[int]]] = []
+        for number, detections in claims.items():
+            rivals = [group for group in groups if group[1] & detections]
+            groups = [group for group in groups if not group[1] & detections]
+            members = [number, *(member for others, _ in rivals for member in others)]
+            groups.append((sorted(members), detections.union(*(theirs for _, theirs in rivals))))
+        return [(members, sorted(detections)) for members, detections in sorted(groups)]
 
     def _branch(
         self, look: Look, members: list[int], detections: list[int], of: list[int], at: IntArray
@@ -233,8 +213,7 @@ class Association:
         at : rows of `look` by leaf, -1 for leaves that it does not concern.
         """
         whole = self.anchors.joined(members)
-        slots = np.unique(whole.rows)
-        slots = slots[slots >= 0]
+        slots = leaves_in(whole.rows)
         js = np.array(detections, np.int64)
         seen = look.seen.only(js)
         k = at[slots]

@@ -11,7 +11,7 @@ from estimation.checks import FloatArray
 from world_model.anchoring.anchors import LEAST_PRESENCE, Anchors
 from world_model.anchoring.loops.branching import GONE, other_names, presence, same_spot
 from world_model.anchoring.loops.clusters import Cluster, Track, best_sums
-from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
+from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray, leaves_in
 from world_model.anchoring.present import Presentation
 from world_model.state import BELIEVED, WorldObject
 
@@ -99,8 +99,8 @@ class Beliefs:
             now = int(cluster.rows[0, column])
             if other.id is None or (now >= 0 and leaves.behavior[now, [REST, MOVING]].sum() >= GONE):
                 continue
-            rows = np.unique(cluster.rows[:, column])
-            lately = [row for row in rows[rows >= 0].tolist() if anchors.stamp - leaves.first[row] < LATELY]
+            rows = leaves_in(cluster.rows[:, column])
+            lately = rows[anchors.stamp - leaves.first[rows] < LATELY]
             if any(same_spot(leaves, row, slot) for row in lately):
                 name, other.id = other.id, None
                 return name

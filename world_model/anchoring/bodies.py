@@ -14,7 +14,7 @@ from estimation.checks import FloatArray
 from world_model.anchoring.anchors import THRESHOLD, Anchors
 from world_model.anchoring.loops.expansion import unify
 from world_model.anchoring.loops.kernels import miss, predict
-from world_model.anchoring.loops.leaves import MOVING, REST, IntArray
+from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, leaves_in
 from world_model.anchoring.occlusion import extents
 
 CORE = 0.7  # Share of width and height that is surely filled
@@ -65,8 +65,7 @@ class Bodies:
         Of the two the one that is less probably there is not, and the hypothesis counts as much as this was probable.
         Where every hypothesis has two that are surely there, sizes are wrong and nothing follows.
         """
-        used = np.unique(rows)
-        slots = self.solid(used[used >= 0])
+        slots = self.solid(leaves_in(rows))
         if len(slots) < 2:
             return rows, weights
         clash = self.clashes(slots)

@@ -33,10 +33,8 @@ def lead(leaves, i, stamp, motion, removed, step, growth, velocity):  # type: ig
     leaves.stamp[i] = stamp
     pi = leaves.behavior[i]
     if pi[REST] <= 0.0:
-        for a in range(3):
-            leaves.rest[i, a] = leaves.moving[i, a]
-            for b in range(3):
-                leaves.rest_cov[i, a, b] = leaves.moving_cov[i, a, b]
+        leaves.rest[i] = leaves.moving[i, :3]
+        leaves.rest_cov[i] = leaves.moving_cov[i, :3, :3]
         pi[REST] = share * pi[MOVING]
         pi[MOVING] -= pi[REST]
     elif pi[MOVING] <= 0.0:
@@ -46,15 +44,12 @@ def lead(leaves, i, stamp, motion, removed, step, growth, velocity):  # type: ig
     pi[REST] += fade * (share * here - pi[REST])
     pi[MOVING] = here - pi[REST]
     walk(leaves, i, dt, motion[row, 1] ** 2, motion[row, 5])
-    for a in range(3):
-        leaves.rest[i, a] += step[a]
-        leaves.led[i, a] = velocity[a]
-        for b in range(3):
-            leaves.rest_cov[i, a, b] += growth[a, b]
+    leaves.rest[i] += step
+    leaves.rest_cov[i] += growth
+    leaves.led[i] = velocity
     gone = 1.0 - np.exp(-removed * dt)
-    for m in range(3):
-        pi[NONE] += gone * pi[m]
-        pi[m] -= gone * pi[m]
+    pi[NONE] += gone * pi[:NONE].sum()
+    pi[:NONE] *= 1.0 - gone
 
 
 class Guidance:

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from estimation.checks import FloatArray
 from world_model.anchoring.attributes import FLATTEST, Quantities
 from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, Leaves
-from world_model.camera.view import CameraView
+from world_model.camera.camera_view import CameraView
 
 SMALL = 0.05  # m: width and height of an object whose size is not known
 SURELY = 0.9

@@ -8,7 +8,6 @@ place is found empty or the known object is found there after all.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -17,13 +16,14 @@ import numpy as np
 from estimation.checks import FloatArray
 from world_model.anchoring.anchors import Anchors
 from world_model.anchoring.bodies import Bodies
-from world_model.anchoring.loops.clusters import Cluster, Track, lonely
+from world_model.anchoring.loops.clusters import Track, lonely
 from world_model.anchoring.loops.expansion import unify
 from world_model.anchoring.loops.kernels import copy_leaf, learn_attributes
-from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
+from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray, leaves_in
 from world_model.anchoring.single import SingleObjects
 from world_model.config import motion_of
 from world_model.state import WorldObject
+from world_model.symbols import parse_symbol
 
 RETURN_SECONDS = 10.0  # Mean time for which a carried object is out of sight
 LEAST_ODDS = 1e-3
@@ -77,7 +77,8 @@ class Recognition:
             slots = slots[slots >= 0]
             odds = self.odds(slots, new, track)
             carried = float(odds.sum())
-            for index in candidates(odds):
+            likeliest = np.argsort(-odds, kind="stable")[:MOST_CANDIDATES]
+            for index in likeliest[odds[likeliest] > LEAST_ODDS]:
                 if number in anchors.tracks:
                     self._add_alternatives(track, named[index])
         # What was carried here is no new object.
@@ -133,12 +134,13 @@ class Recognition:
             # No hypothesis that is worth keeping has the new anchor any more.
             anchors.divide(list(whole.tracks), whole.rows, whole.weights)
             return
-        slots = np.unique(whole.rows[:, b])
-        slots = slots[slots >= 0]
+        slots = leaves_in(whole.rows[:, b])
         values = dict(zip(slots.tolist(), self.odds(slots, int(used[0]), new).tolist(), strict=True))
         made: dict[tuple[int, int], int] = {}
         rows, weights = [whole.rows], [whole.weights]
-        for h, leaf, old, weight in alternatives(whole, a, b, values):
+        for h, (leaf, old) in enumerate(whole.rows[:, [a, b]].tolist()):
+            if leaf < 0 or not values.get(old, 0.0) > 0.0:
+                continue
             if (leaf, old) not in made:
                 slot = anchors.pool.take()
                 leaves = anchors.leaves
@@ -150,7 +152,7 @@ class Recognition:
             row = whole.rows[h].copy()
             row[a], row[b] = -1, made[leaf, old]
             rows.append(row[None])
-            weights.append(np.array([weight]))
+            weights.append(whole.weights[h : h + 1] + np.log(values[old]))
         joint = unify(np.concatenate(rows), np.concatenate(weights))
         anchors.divide(whole.tracks, *self.bodies.possible(*joint))
         self.beliefs.show([known.cluster])
@@ -186,9 +188,8 @@ class Recognition:
             number, number, item.id, item.lost, recognised=True, region=item.region
         )
         anchors.clusters[number] = lonely(number, slot)
-        counted = re.fullmatch(r"(.+)-(\d+)", item.id)
-        if counted:
-            anchors.names[counted[1]] = max(anchors.names[counted[1]], int(counted[2]))
+        if (counted := parse_symbol(item.id)) is not None:
+            self.objects.reserve(dict([counted]))
         self.beliefs.show([number])
 
     def _attribute(self, item: WorldObject, slot: int) -> None:
@@ -211,24 +212,4 @@ def agreement(a: FloatArray, b: FloatArray, blocks: IntArray) -> FloatArray:
     for start, end in blocks:
         if end > start:
             out *= (end - start) * (a[:, start:end] * b[start:end]).sum(1)
-    return out
-
-
-def candidates(values: FloatArray) -> IntArray:
-    """Indices of the few worth a hypothesis, the likeliest first."""
-    order = np.argsort(-values, kind="stable")[:MOST_CANDIDATES]
-    return order[values[order] > LEAST_ODDS]
-
-
-def alternatives(
-    whole: Cluster, new: int, known: int, values: dict[int, float]
-) -> list[tuple[int, int, int, float]]:
-    """Rows to add where the known track is the new anchor: (row, leaf of new, leaf of known, log weight).
-
-    new, known : columns. values : odds by leaf of the known object.
-    """
-    out = []
-    for h, row in enumerate(whole.rows.tolist()):
-        if row[new] >= 0 and row[known] >= 0 and values.get(row[known], 0.0) > 0.0:
-            out.append((h, row[new], row[known], float(whole.weights[h]) + float(np.log(values[row[known]]))))
     return out

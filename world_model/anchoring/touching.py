@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimation.checks import FloatArray
+from estimation.geometry.rotations import wrap_scalar
 from world_model.anchoring.loops.kernels import SETTLED_HITS
 from world_model.anchoring.loops.leaves import MOVING, IntArray, Leaves
 from world_model.anchoring.loops.look import Look
@@ -78,5 +79,5 @@ class Rounds:
 def _one(a: Pose | None, b: Pose | None) -> bool:
     if a is None or b is None:
         return a is b
-    turn = math.remainder(a[2] - b[2], 2.0 * math.pi)
+    turn = wrap_scalar(a[2] - b[2])
     return math.hypot(a[0] - b[0], a[1] - b[1]) < NEAR and abs(turn) < TURNED

@@ -15,7 +15,7 @@ import numpy as np
 from estimation.checks import FloatArray
 from world_model.anchoring.attributes import Quantities
 from world_model.anchoring.loops.kernels import clearance
-from world_model.camera.view import CameraView
+from world_model.camera.camera_view import CameraView
 from world_model.config import WorldModelConfig
 from world_model.evidence import SensorCone
 

@@ -17,6 +17,7 @@ from scipy.sparse.linalg import spsolve
 
 from estimation.checks import FloatArray
 from estimation.filters.assignment import cheapest
+from estimation.geometry.rotations import wrap_angle
 from world_model.anchoring.loops.leaves import IntArray, Leaves
 from world_model.calibration.sensor_bias import (
     CONSTANT,
@@ -28,7 +29,6 @@ from world_model.calibration.sensor_bias import (
     STEPS,
     constants,
     lines_of_sight,
-    within,
 )
 from world_model.evidence import Measurements
 
@@ -75,7 +75,7 @@ def residuals(data: Sightings, found: Explanation) -> FloatArray:
     distance, bearing, sight = lines_of_sight(found.places[None], data.poses[data.look][:, None])
     off = constants(distance, bearing, sight, data.rates[data.look][:, None]) @ found.constant
     return np.stack(
-        [data.seen[:, :1] - distance - off[..., 0], within(data.seen[:, 1:] - bearing - off[..., 1])], -1
+        [data.seen[:, :1] - distance - off[..., 0], wrap_angle(data.seen[:, 1:] - bearing - off[..., 1])], -1
     )
 
 
@@ -161,7 +161,7 @@ def solve(data: Sightings, found: Explanation, known: FloatArray) -> Explanation
         rows.append([places, constant, *(own + other if kind == 0 else other + own)])
         # Linear in everything but the places: what is left with constants and shared errors of zero.
         left = data.seen[used, kind] - (distance if kind == 0 else bearing)
-        left = within(left) if kind else left
+        left = wrap_angle(left) if kind else left
         rights.append((left + (change * found.places[owner]).sum(1)) * weight[:, 0])
     shared = [block for pair in _shared_prior(data.stamps, data.quick) for block in pair]
     for at, block in enumerate([sparse.eye(2 * K), sparse.diags(1.0 / PRIOR), *shared]):

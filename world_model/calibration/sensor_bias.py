@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.checks import FloatArray
+from estimation.geometry.rotations import wrap_angle
 
 NAMES = ("offset", "scale", "depth", "turn", "lean", "stretch", "bend", "delay")
 CONSTANT = len(NAMES)
@@ -36,14 +37,9 @@ JITTER = 0.02  # The same of how old a look's detections are, s
 STEPS = np.linspace(-2.0, 2.0, 9)  # Turns that are tried, in standard deviations
 
 
-def within(angle: FloatArray) -> FloatArray:
-    """Angles within half a turn."""
-    return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)), dtype=np.float64)
-
-
 def rates(poses: FloatArray, before: FloatArray, elapsed: FloatArray) -> FloatArray:
     """Velocity and yaw rate (..., 3) of poses (..., 4) since `before`, `elapsed` (...) s ago; 0 where not known."""
-    off = np.stack([*np.moveaxis(poses - before, -1, 0)[:2], within(poses[..., 3] - before[..., 3])], -1)
+    off = np.stack([*np.moveaxis(poses - before, -1, 0)[:2], wrap_angle(poses[..., 3] - before[..., 3])], -1)
     known = (elapsed > SOONEST) & (elapsed < LATEST)
     out = off / np.where(known, elapsed, 1.0)[..., None]
     known = known & (np.abs(out) < QUICKEST).all(-1)
@@ -54,7 +50,7 @@ def lines_of_sight(places: FloatArray, poses: FloatArray) -> tuple[FloatArray, F
     """Distances and bearings (...) of places (..., 2) from poses (..., 4), and the lines of sight (..., 2)."""
     off = places - poses[..., :2]
     distance = np.maximum(np.hypot(off[..., 0], off[..., 1]), 1e-3)
-    bearing = within(np.arctan2(off[..., 1], off[..., 0]) - poses[..., 3])
+    bearing = wrap_angle(np.arctan2(off[..., 1], off[..., 0]) - poses[..., 3])
     return distance, bearing, off / distance[..., None]
 
 

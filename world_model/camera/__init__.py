@@ -5,10 +5,10 @@ with the camera's pose, `SightRates` learns how good the detector is, and `locat
 """
 
 from world_model.camera.boxes import ImageBox, LocatedBox, located, located_by_scan, overlap
+from world_model.camera.camera_view import CameraView
 from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
 from world_model.camera.rates import SightRates
-from world_model.camera.view import CameraView
 
 __all__ = [
     "CameraModel",

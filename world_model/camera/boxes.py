@@ -62,9 +62,7 @@ def located(
     others : boxes around other things, which may stand before it: what is in two boxes tells of neither, as long as
     enough is left.
 
-    Raises
-    ------
-    InputError : a box without size or outside of the image, or nothing in it with a known depth.
+    Raises InputError: a box without size or outside of the image, or nothing in it with a known depth.
     """
     _check(box, camera)
     x, y = middle = np.array([box.x, box.y])
@@ -97,9 +95,7 @@ def located(
 def located_by_scan(box: ImageBox, camera: CameraModel, pose: FloatArray, scan: LevelScan) -> LocatedBox:
     """The same by a level scan, from the camera's pose (4, 4) in the frame of the scan.
 
-    Raises
-    ------
-    InputError : as `located`, or the scanner meets nothing in that direction.
+    Raises InputError: as `located`, or the scanner meets nothing in that direction.
     """
     _check(box, camera)
     ray = pose[:3, :3] @ camera.rays([[box.x, box.y]])[0]

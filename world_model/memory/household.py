@@ -53,7 +53,6 @@ class Household:
         self.aliases: dict[str, str] = {}
         self._at: dict[str, str] = {}
         self._watched = -math.inf
-        self._forecasts: dict[str, tuple[tuple[float, float, bool], WorldObject, WorldObject]] = {}
         self.kept = KeptFile(path, "routines", self.read, self.write)
         self._furniture = [place.name for place in places.furniture]
         self.routines.know(self._furniture)
@@ -195,23 +194,6 @@ class Household:
                 found[room] = found.get(room, 0.0) + found[place]
         return {place.name: found.get(place.name, 0.0) for place in self.places}
 
-    def told(
-        self, item: WorldObject, stamp: float, usual: Callable[[WorldObject], Mapping[str, float]]
-    ) -> WorldObject:
-        """A thing with `usual(item)`, which is asked anew every `PERIOD` s, not of all things at once."""
-        turn = (stamp + zlib.crc32(item.id.encode()) % PERIOD) // PERIOD
-        key, known = (turn, item.last_seen, item.lost), self._forecasts.get(item.id)
-        if known is None or known[0] != key:
-            made = replace(item, usual=found) if (found := usual(item)) else item
-        elif known[1] is item:
-            return known[2]
-        else:
-            made = replace(item, usual=known[2].usual)
-        if len(self._forecasts) > 10_000:
-            self._forecasts.clear()
-        self._forecasts[item.id] = key, item, made
-        return made
-
     def moves(self, stamp: float, horizon: float) -> dict[str, tuple[str, float]]:
         """Things that will probably move within `horizon` s, where to, and how probably."""
         return {} if stamp < self._newest else self.routines.moves(stamp, horizon)
@@ -264,17 +246,29 @@ class ByNow:
     ) -> None:
         self.config, self.where, self.household = config, where, household
         self._furniture = {place.name for place in household.places.furniture}
+        self._told: dict[str, tuple[tuple[float, float, bool], WorldObject, WorldObject]] = {}
 
     def told(self, objects: Iterable[WorldObject], stamp: float) -> tuple[WorldObject, ...]:
         """What is lost, or was not seen for a while, is probably where it usually is by then."""
         if not self.household.places:
             return tuple(objects)
         return tuple(
-            self.household.told(item, stamp, lambda thing: self._usual(thing, stamp))
-            if item.lost or stamp - item.last_seen > UNSEEN
-            else item
+            self._forecast(item, stamp) if item.lost or stamp - item.last_seen > UNSEEN else item
             for item in objects
         )
+
+    def _forecast(self, item: WorldObject, stamp: float) -> WorldObject:
+        """A thing with where it usually is, which is asked anew every `PERIOD` s, not of all things at once."""
+        turn = (stamp + zlib.crc32(item.id.encode()) % PERIOD) // PERIOD
+        key, known = (turn, item.last_seen, item.lost), self._told.get(item.id)
+        if known is not None and known[0] == key and known[1] is item:
+            return known[2]
+        usual = known[2].usual if known is not None and known[0] == key else self._usual(item, stamp)
+        made = replace(item, usual=usual) if usual else item
+        if len(self._told) > 10_000:
+            self._told.clear()
+        self._told[item.id] = key, item, made
+        return made
 
     def _usual(self, item: WorldObject, stamp: float) -> Mapping[str, float]:
         if not item.lost:

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from estimation.errors import InputError
+from world_model.describing import spoken_time
 from world_model.memory.remembered import Remembered, RoutinesConfig
 from world_model.memory.routine_kernels import fill, moments, outcomes, stays
 from world_model.state import DAY, HOUR
@@ -41,8 +42,6 @@ EMPTY_HALF_LIFE = HOUR  # s, in which a look that did not find a thing says half
 class Routines:
     """Learns while running; its memory is `days` times 24 h of slots for each thing, whatever is looked at how often.
 
-    Parameters
-    ----------
     config : what past moments count.
     """
 
@@ -67,12 +66,6 @@ class Routines:
         """Newest look, s; None before the first."""
         return self._known.stamp if self._known.last >= 0 else None
 
-    def last_place(self, object: str) -> str:
-        """Where an object was seen last, "" where that is not known."""
-        thing = self._known.things.get(object)
-        place = -1 if thing is None else self._known.last_seen(thing)[1]
-        return self.places[place] if place >= 0 else ""
-
     def are_known_of(self, object: str) -> bool:
         """Whether an object was seen to have moved on `FEWEST_DAYS`: what has not may do anything."""
         if object not in self._days and object in self._known.things:
@@ -94,9 +87,7 @@ class Routines:
     def look(self, place: str, objects: Iterable[str], stamp: float) -> None:
         """All things that are at `place` at `stamp` (UTC, s): what was there and is absent has gone.
 
-        Raises
-        ------
-        InputError : an empty name, a stamp that is not finite or before the newest look.
+        Raises InputError: an empty name, a stamp that is not finite or before the newest look.
         """
         named, _ = _names(objects), _name("place", place)
         self._known.advance(self._checked(stamp))
@@ -229,9 +220,7 @@ class Routines:
     def from_dict(cls, data: Mapping[str, Any]) -> Routines:
         """What `to_dict` gave: the same answers, the same learning.
 
-        Raises
-        ------
-        InputError : the data is not of this format and version.
+        Raises InputError: the data is not of this format and version.
         """
         if data.get("format") != FORMAT or data.get("version") != VERSION:
             raise InputError(f"not {FORMAT} of version {VERSION}")
@@ -346,13 +335,5 @@ def _when(chosen: Array, length: float) -> str:
     clock = float(np.angle(turn.mean())) / (2.0 * np.pi) * DAY % DAY
     off = (chosen[:, 1] * length - clock + DAY / 2.0) % DAY - DAY / 2.0
     if np.median(np.abs(lasted - middle)) <= np.median(np.abs(off)):
-        return f"about {_duration(middle)} after it came"
+        return f"about {spoken_time(middle)} after it came"
     return f"at about {int(clock // HOUR):02d}:{int(clock % HOUR // 60):02d} UTC"
-
-
-def _duration(seconds: float) -> str:
-    """Minutes up to two hours, hours up to two days, then days."""
-    for unit, length, most in (("min", 60, 2.0 * HOUR), ("h", HOUR, 2.0 * DAY)):
-        if seconds < most:
-            return f"{seconds / length:.0f} {unit}"
-    return f"{seconds / DAY:.0f} days"

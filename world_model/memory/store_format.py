@@ -12,8 +12,6 @@ import re
 import sqlite3
 import struct
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from hashlib import blake2b
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -58,41 +56,33 @@ CREATE INDEX history_by_level ON history (level, row);
 """
 
 
-@dataclass(frozen=True)
 class StoreTable:
     """One table. columns : without the mark, the integer key first. kinds : a letter for each column, i integer,
-    r real, t text, b bytes."""
+    r real, t text, b bytes. insert : statement that takes a row and its mark."""
 
-    name: str
-    columns: str
-    kinds: str
-
-    @cached_property
-    def _layout(self) -> tuple[struct.Struct, Picked, Picked, Picked, bytes]:
+    def __init__(self, name: str, columns: str, kinds: str) -> None:
+        self.name, self.columns, self.kinds = name, columns, kinds
+        self.insert = f"INSERT OR REPLACE INTO {name} VALUES ({', '.join('?' * (len(kinds) + 1))})"
         whole, real, text = (
-            [index for index, kind in enumerate(self.kinds) if kind in letters]
-            for letters in ("i", "r", "tb")
+            [index for index, kind in enumerate(kinds) if kind in letters] for letters in ("i", "r", "tb")
         )
-        packer = struct.Struct(f"<{len(whole)}q{len(real)}d{len(text)}q")
-        return packer, _picked(whole), _picked(real), _picked(text), self.name.encode()
-
-    @cached_property
-    def insert(self) -> str:
-        """Statement that takes a row and its mark."""
-        return f"INSERT OR REPLACE INTO {self.name} VALUES ({', '.join('?' * (len(self.kinds) + 1))})"
+        self._packer = struct.Struct(f"<{len(whole)}q{len(real)}d{len(text)}q")
+        self._whole, self._real, self._text = _picked(whole), _picked(real), _picked(text)
+        self._person = name.encode()
+        self._texts = [index for index in text if kinds[index] == "t"]
+        self._blobs = [kind == "b" for kind in kinds] + [False]
 
     def mark(self, values: Sequence[Any]) -> int:
         """Hash (64 bits, signed) of a row. Raises AttributeError, TypeError, ValueError or struct.error for
         values of other kinds."""
-        packer, whole, real, text, name = self._layout
-        texts = text(values)
+        texts = self._text(values)
         parts = [b"" if part is None else part if type(part) is bytes else part.encode() for part in texts]
-        packed = packer.pack(
-            *whole(values),
-            *[math.nan if value is None else value + 0.0 for value in real(values)],
+        packed = self._packer.pack(
+            *self._whole(values),
+            *[math.nan if value is None else value + 0.0 for value in self._real(values)],
             *[-1 if value is None else len(part) for value, part in zip(texts, parts, strict=True)],
         )
-        digest = blake2b(packed + b"".join(parts), digest_size=8, person=name).digest()
+        digest = blake2b(packed + b"".join(parts), digest_size=8, person=self._person).digest()
         return int.from_bytes(digest, "little", signed=True)
 
     def marked(self, values: Row) -> Row:
@@ -116,15 +106,6 @@ class StoreTable:
         except (AttributeError, UnicodeDecodeError):
             return None
         return tuple(row) if self.is_whole(row) else None
-
-    @cached_property
-    def _blobs(self) -> list[bool]:
-        """Whether each value of a row is bytes."""
-        return [kind == "b" for kind in self.kinds] + [False]
-
-    @cached_property
-    def _texts(self) -> list[int]:
-        return [index for index, kind in enumerate(self.kinds) if kind == "t"]
 
 
 def _picked(places: list[int]) -> Picked:

@@ -221,6 +221,10 @@ def _at(stamp: float) -> Pair:
     return at, at
 
 
+def _lately(seconds: float, now: datetime) -> Pair:
+    return _at(now.timestamp() - seconds)[0], now
+
+
 def _iso(text: str, now: datetime) -> Pair:
     at = datetime.fromisoformat(re.sub(r"^(at|on) ", "", text).upper().replace(" ", "T"))
     if at.tzinfo is not None:
@@ -384,17 +388,11 @@ _PHRASES: tuple[tuple[str, Reader], ...] = (  # of two that begin alike the long
     (rf"{_AMOUNT} (?:ago|before now|earlier)", lambda text, now: _at(now.timestamp() - _seconds_of(text))),
     (
         rf"(?:(?:in|during|within|over|for) )?(?:the|these) (?:last|past) (?:{_NUMBER} )?{_UNIT}",
-        lambda text, now: (
-            _at(now.timestamp() - _seconds_of(re.sub(r"^.*?\b(last|past) ", "", text)))[0],
-            now,
-        ),
+        lambda text, now: _lately(_seconds_of(re.sub(r"^.*?\b(last|past) ", "", text)), now),
     ),
     (r"(?:this|last|the previous) (?:week|month|year)|the week", _week),
     (r"(?:(?:(?:on|at|over|during) )?the|this|(?:over )?(?:the )?last) weekend", _weekend),
-    (
-        r"just now|a moment ago|a (?:short|little) while ago",
-        lambda text, now: (_at(now.timestamp() - JUST_NOW)[0], now),
-    ),
+    (r"just now|a moment ago|a (?:short|little) while ago", lambda text, now: _lately(JUST_NOW, now)),
     (r"(?:right )?now|at the moment|currently|at present", lambda text, now: (now, now)),
 )
 """What stands for a time, and what reads it."""

@@ -21,7 +21,7 @@ from world_model.state import BELIEVED, DAY, PERSON, WorldObject
 from world_model.symbols import Symbols, default_symbols, parse_symbol
 
 if TYPE_CHECKING:
-    from world_model.world import WorldModel
+    from world_model.model import WorldModel
 
 P = ParamSpec("P")
 T = TypeVar("T")

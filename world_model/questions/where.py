@@ -432,14 +432,11 @@ def _found_at(world: Recall, place: str, when: When, ids: Sequence[str] | None =
     for name in world.things() if ids is None else ids:
         line, item = world.line(name, span.start, span.end), world.present.get(name)
         if span.lasts:
-            p, least = (
-                world.inside(place, line.spent(span.start, span.end)) / max(span.end - span.start, 1.0),
-                0.0,
-            )
+            p = world.inside(place, line.spent(span.start, span.end)) / (span.end - span.start)
         else:
-            p, least = world.inside(place, _chances(world, line, span.middle)), Trust.NAMED
+            p = world.inside(place, _chances(world, line, span.middle))
             p *= item.existence if now and item is not None and not line.lost else 1.0
-        if p > least:
+        if p > (0.0 if span.lasts else Trust.NAMED):
             chances[name] = p
     there = [name for name in ranked(chances) if span.lasts or chances[name] >= BELIEVED]
     then = f" {span.between}" if span.lasts else "" if when is None else f" at {clock(span.start)}"

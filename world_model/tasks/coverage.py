@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +11,7 @@ from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Place, Places
+from world_model.tasks.ways import resampled
 
 CELL = 0.5  # metres
 CLEARANCE = 0.25  # metres
@@ -25,8 +25,6 @@ PASSED, OUTER, COARSE, MOST, DOOR = 4.0, 6.0, 1.5, 25, 5.0
 class Coverage:
     """Which cells of a floor were within `view` metres of the robot, and in sight.
 
-    Parameters
-    ----------
     grid : its reachable cells are the floor. places : else the rooms are. known : (N, 2) metres; where there are none,
     the floor extends MARGIN around these.
     """
@@ -117,7 +115,7 @@ def where_more_is_seen(
     enough to have seen furniture, and so do goals `tried`, reached or not. As for coverage, much that is new and
     likely for little driving.
     """
-    been = np.concatenate((_along(np.array(track)), np.reshape(tried, (-1, 2))))
+    been = np.concatenate((resampled(np.array(track), 1.0), np.reshape(tried, (-1, 2))))
     every = np.array([track[0], *known])
     low, high = every.min(axis=0), every.max(axis=0)
     step = max(COARSE, float((high - low + 2.0 * OUTER).max()) / MOST)
@@ -134,13 +132,6 @@ def where_more_is_seen(
     lengths = np.hypot(*(left - place).T)
     near = np.hypot(*(left[:, None] - left[None]).transpose(2, 0, 1)) <= PASSED
     return np.asarray(left[int(np.argmax(likely * (near @ likely) / (lengths + PASSED)))])
-
-
-def _along(track: FloatArray) -> FloatArray:
-    """Places (M, 2) about a metre apart along a track (N, 2)."""
-    marks = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(track, axis=0).T))))
-    at = np.linspace(0.0, marks[-1], math.ceil(marks[-1]) + 1)
-    return np.stack([np.interp(at, marks, track[:, axis]) for axis in range(2)], axis=1)
 
 
 def middle_of(grid: OccupancyGrid) -> FloatArray | None:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
+from estimation.geometry.rotations import wrap_scalar
 from world_model.state import WorldObject
 
 # Variance that stands for an axis nobody estimates: nothing is gained along it.
@@ -88,16 +89,13 @@ class Looks:
         dx, dy = self.positions[k, :2] - pose[:2]
         if isinstance(view, Mapping) and math.hypot(dx, dy) > float(view.get("range", math.inf)):
             return False
-        off = math.atan2(dy, dx) - pose[2]
-        return abs(math.atan2(math.sin(off), math.cos(off))) <= 0.5 * self.opening(view)
+        return abs(wrap_scalar(math.atan2(dy, dx) - pose[2])) <= 0.5 * self.opening(view)
 
     @staticmethod
     def opening(view: float | Mapping[str, Any] | Callable[[FloatArray], bool] | None) -> float:
         """Full angle of view, rad.
 
-        Raises
-        ------
-        InputError : not an angle above 0.
+        Raises InputError: not an angle above 0.
         """
         if view is None or callable(view):
             return 2.0 * math.pi

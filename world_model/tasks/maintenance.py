@@ -27,7 +27,7 @@ from world_model.state import OUTCOMES, WorldObject, WorldState
 from world_model.tasks.looks import Looks, Sensor, looks_at
 from world_model.tasks.maintenance_config import MaintenanceConfig
 from world_model.tasks.maintenance_kernels import single_gains
-from world_model.tasks.maintenance_options import TOUR, Options, View, looked_at_now, options, tour
+from world_model.tasks.maintenance_options import TOUR, Option, View, looked_at_now, options, tour
 from world_model.tasks.ways import Ways
 
 __all__ = ["Maintenance", "MaintenanceConfig", "Trigger", "VerificationTask"]
@@ -70,9 +70,7 @@ class Trigger:
 class Maintenance:
     """Chooses what to verify next; at most one uncertainty-driven task is pending at a time.
 
-    Raises
-    ------
-    InputError : wrong settings.
+    Raises InputError: wrong settings.
     """
 
     def __init__(self, config: MaintenanceConfig | None = None) -> None:
@@ -122,8 +120,6 @@ class Maintenance:
     ) -> VerificationTask | None:
         """What to look at next, None where nothing pays (`idle_reason` says why).
 
-        Parameters
-        ----------
         world_state : its objects; lost ones are left to the search. robot_pose : (3,) x, y, yaw, world frame.
         sensors : at least one. field_of_view : full opening angle, rad, of every sensor; or {"angle": rad, "range":
         m}; or a function that says whether a position (3,) is in view. None is all around.
@@ -131,9 +127,7 @@ class Maintenance:
         pending anyway is merged with it. base_available : False where another component moves the base: only what
         is in view may be looked at. grid : ways and goals avoid what it has occupied.
 
-        Raises
-        ------
-        InputError : no sensors, a pose that is not finite, a sensor's covariance that fits no object.
+        Raises InputError: no sensors, a pose that is not finite, a sensor's covariance that fits no object.
         """
         pose = as_vectors("robot_pose", robot_pose, 3)
         if pose.shape != (3,):
@@ -164,9 +158,7 @@ class Maintenance:
         outcome : "found"; "occluded", no evidence: the object rests for `retry_after`; "not_found": it rests until it
         has been seen somewhere (the world model makes it lost). stamp : s; that of the next world state by default.
 
-        Raises
-        ------
-        InputError : another outcome.
+        Raises InputError: another outcome.
         """
         if outcome not in OUTCOMES:
             raise InputError(f"outcome: one of {', '.join(OUTCOMES)} expected, got {outcome!r}")
@@ -212,11 +204,11 @@ class Maintenance:
                 self._queue.remove(trigger)
                 continue
             found = options(self.config, looks, ways, [index], view, base_available, self._misses)
-            if not len(found):
+            if not found:
                 continue
             self._queue.remove(trigger)
             reason = f"{trigger.requester} asked for it."
-            self._pending = replace(self._task(looks, found, found.best(), reason), trigger=trigger.requester)
+            self._pending = replace(self._task(looks, found[0], reason), trigger=trigger.requester)
             return self._pending
         return None
 
@@ -248,17 +240,16 @@ class Maintenance:
         if going is not None:
             return going
         found = options(self.config, looks, ways, able, view, base_available, self._misses)
-        if not len(found):
+        if not found:
             self.idle_reason = "No object can be reached and seen."
             return None
-        worth = found.gain > self._thresholds(looks)[found.items]
-        if not worth.any():
-            self.idle_reason = (
-                f"No action is worth it: {found.gain.max():.1f} nat at most, below the threshold."
-            )
+        thresholds = self._thresholds(looks)
+        best = next((option for option in found if option.gain > thresholds[option.item]), None)
+        if best is None:
+            most = max(option.gain for option in found)
+            self.idle_reason = f"No action is worth it: {most:.1f} nat at most, below the threshold."
             return None
         self.idle_reason = ""
-        best = found.best(worth)
         if base_available and self.config.tour > 0.0:
             now, stops = looked_at_now(looks), self._worth_a_stop(looks, self.config.tour)
             along = [k for k in able if stops[k]]
@@ -266,16 +257,16 @@ class Maintenance:
             worth_along = now / self.config.information_gain_norm - self.config.weight * far
             along = sorted(along, key=lambda k: -worth_along[k])[:TOUR]
             if len(along) > 1:
-                self._tour = {looks.objects[k].id for k in (*along, int(found.items[best]))}
+                self._tour = {looks.objects[k].id for k in (*along, best.item)}
                 going = self._next_on_tour(looks, ways, able, view)
                 if going is not None:
                     return going
-        others = f", the rest from {found.seen[best] - 1:.0f} more on the way" if found.seen[best] > 1 else ""
+        others = f", the rest from {best.seen - 1} more on the way" if best.seen > 1 else ""
         reason = (
-            f"Driving {found.lengths[best]:.1f} m should gain {found.gain[best]:.1f} nat: "
-            f"{found.own[best]:.1f} nat from {looks.objects[found.items[best]].id}{others}."
+            f"Driving {best.length:.1f} m should gain {best.gain:.1f} nat: "
+            f"{best.own:.1f} nat from {looks.objects[best.item].id}{others}."
         )
-        return self._task(looks, found, best, reason)
+        return self._task(looks, best, reason)
 
     def _next_on_tour(
         self, looks: Looks, ways: Ways, able: Sequence[int], view: View | None
@@ -290,15 +281,14 @@ class Maintenance:
         for k in tour(looks, ways.pose, left):
             self._tour.discard(looks.objects[k].id)
             found = options(self.config, looks, ways, [k], view, True, self._misses)
-            if not len(found):
+            if not found:
                 continue
-            best = found.best()
             reason = (
-                f"Driving {found.lengths[best]:.1f} m should gain {found.own[best]:.1f} nat from "
+                f"Driving {found[0].length:.1f} m should gain {found[0].own:.1f} nat from "
                 f"{looks.objects[k].id}. {len(self._tour)} more follow on this tour."
             )
             self.idle_reason = ""
-            return self._task(looks, found, best, reason)
+            return self._task(looks, found[0], reason)
         return None
 
     def _thresholds(self, looks: Looks) -> FloatArray:
@@ -317,16 +307,13 @@ class Maintenance:
         """Two looks in a row bring at most the logarithm of two per axis; half of it each."""
         return 0.5 * looks.dimensions * math.log(2.0)
 
-    def _task(self, looks: Looks, found: Options, at: int, reason: str) -> VerificationTask:
-        k = int(found.items[at])
-        item = looks.objects[k]
+    def _task(self, looks: Looks, found: Option, reason: str) -> VerificationTask:
+        item = looks.objects[found.item]
         sigma = np.sqrt(np.maximum(np.diag(as_finite("covariance", item.covariance)), 0.0))
         size = np.zeros(3)
         size[: len(sigma)] = 2.0 * INTERVAL * sigma
         return VerificationTask(
-            item.id, found.goals[at].copy(), (looks.positions[k].copy(), size),
-            looks.sensors[found.sensors[at]].name, float(found.gain[at]), float(found.utility[at]), reason,
-            distance=float(found.lengths[at]), class_name=item.most_probable("class"),
-            attributes=item.attributes,
-            quantities=item.quantities,
+            item.id, found.goal, (looks.positions[found.item].copy(), size), looks.sensors[found.sensor].name,
+            found.gain, found.utility, reason, distance=found.length, class_name=item.most_probable("class"),
+            attributes=item.attributes, quantities=item.quantities,
         )  # fmt: skip

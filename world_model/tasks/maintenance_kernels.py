@@ -19,14 +19,6 @@ def _log_det(P):
 
 
 @njit(cache=True)
-def later(P, Q, seconds, into):
-    """P + Q seconds, written `into` (3, 3)."""
-    for i in range(3):
-        for j in range(3):
-            into[i, j] = P[i, j] + Q[i, j] * seconds
-
-
-@njit(cache=True)
 def _look(P, R, S, half):
     """One measurement of covariance R: P becomes R (P + R)⁻¹ P, in place. S, half : (3, 3) to work in."""
     a, b, c = P[0, 0] + R[0, 0], P[0, 1] + R[0, 1], P[0, 2] + R[0, 2]
@@ -66,9 +58,7 @@ def path_gain(own, path, positions, P, Q, R, low, high, opening, step, anticipat
         if x < x0 - high or x > x1 + high or y < y0 - high or y > y1 + high:
             continue
         count, before = 0, 0
-        for i in range(3):
-            for j in range(3):
-                now[i, j] = P[n, i, j]
+        now[:] = P[n]
         for k in range(1, last + 1):
             dx, dy = x - path[k, 0], y - path[k, 1]
             away = math.hypot(dx, dy)
@@ -78,15 +68,14 @@ def path_gain(own, path, positions, P, Q, R, low, high, opening, step, anticipat
                 off = math.atan2(dy, dx) - path[k, 2]
                 if abs(math.atan2(math.sin(off), math.cos(off))) > 0.5 * opening:
                     continue
-            later(now, Q[n], step * (k - before), now)
+            now += step * (k - before) * Q[n]
             _look(now, R[n], S, half)
             count, before = count + 1, k
         if count == 0:
             continue
         seen += 1
-        later(now, Q[n], step * (last - before), now)
-        later(P[n], Q[n], step * last, half)
-        unseen = _log_det(half)
+        now += step * (last - before) * Q[n]
+        unseen = _log_det(P[n] + step * last * Q[n])
         reference = anticipation * unseen + (1.0 - anticipation) * _log_det(P[n])
         share = 0.5 * (reference - _log_det(now))
         gain += share
@@ -101,7 +90,7 @@ def single_gains(distances, P, Q, R, speed, anticipation):
     gains = np.empty(len(P))
     now, S, half = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for n in range(len(P)):
-        later(P[n], Q[n], distances[n] / speed, now)
+        now[:] = P[n] + distances[n] / speed * Q[n]
         unseen = _log_det(now)
         _look(now, R[n], S, half)
         gains[n] = 0.5 * (anticipation * unseen + (1.0 - anticipation) * _log_det(P[n]) - _log_det(now))

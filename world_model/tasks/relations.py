@@ -22,14 +22,10 @@ IntArray = npt.NDArray[np.int64]
 class Relations:
     """Counts of names, pairs and rooms; probabilities by Lidstone's law.
 
-    Parameters
-    ----------
     smoothing : λ, 0.5 by Jeffreys and Perks. fading : factor on all counts at each frame, 1 to never forget.
     minimum : pairs seen less often than this count as never seen. synonyms : {name: name to use instead}.
 
-    Raises
-    ------
-    InputError : a negative λ, a fading outside (0, 1], synonyms that are no words or lead back to themselves.
+    Raises InputError: a negative λ, a fading outside (0, 1], synonyms that are no words or lead back to themselves.
     """
 
     def __init__(
@@ -65,9 +61,7 @@ class Relations:
     def load(cls, path: Path | str) -> Relations:
         """Relations from YAML: `frames` (lists of names, or {names, room, count}), `smoothing`, `minimum`, `synonyms`.
 
-        Raises
-        ------
-        InputError : the file is missing or malformed; names where.
+        Raises InputError: the file is missing or malformed; names where.
         """
         import yaml
 
@@ -103,9 +97,7 @@ class Relations:
         paths : files, or folders that are searched for them. minimum : pairs seen less often are dropped, as in the
         text. Annotations that were deleted do not count.
 
-        Raises
-        ------
-        InputError : no file at all, or one that is no annotation; names it.
+        Raises InputError: no file at all, or one that is no annotation; names it.
         """
         relations = cls(minimum=minimum, synonyms=synonyms)
         files: list[Path] = []
@@ -142,9 +134,7 @@ class Relations:
     def observe(self, names: Iterable[str], room: str | None = None, count: float = 1.0) -> None:
         """Count a frame: every name once, every pair of names once.
 
-        Raises
-        ------
-        InputError : a count that is negative or not finite.
+        Raises InputError: a count that is negative or not finite.
         """
         if not (math.isfinite(count) and count >= 0.0):
             raise InputError(f"count: a number of at least 0 expected, got {count!r}")

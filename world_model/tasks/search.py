@@ -172,8 +172,6 @@ class Chain:
 class ObjectSearch:
     """Chooses goals until somebody sees the target.
 
-    Parameters
-    ----------
     relations : what goes with what. places : rooms with their types, to choose the room first. grid : free space, for
     the middle of the room and for coverage as the last resort.
     """
@@ -247,9 +245,7 @@ class ObjectSearch:
         observed : {name: position (2,) or (3,) m} of all objects seen so far. target : name to look for; another one
         than before begins a new search. robot_pose : (3,) x, y, yaw.
 
-        Raises
-        ------
-        InputError : a pose or a position that is not finite, an empty target.
+        Raises InputError: a pose or a position that is not finite, an empty target.
         """
         place = as_vectors("robot_pose", robot_pose, 2, 3)[:2].copy()
         wanted = self.relations.unified(target)

@@ -106,16 +106,15 @@ def look_with_cloud(
     colors: FloatArray | None = None,
 ) -> Frame:
     """One cloud, points (N, 3) in the map, with colours (N, 3); sensor : (4, 4) its pose in the map."""
-    cloud = np.asarray(points, dtype=np.float64)
+    cloud = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     position = np.asarray(sensor, dtype=np.float64)[:3, 3]
-    mine = box.contains(cloud) if len(cloud) else np.zeros(0, bool)
-    inside = cloud[mine] if len(cloud) else np.zeros((0, 3))
-    tints = None if colors is None else colors[mine]
+    mine = box.contains(cloud)
+    inside, tints = cloud[mine], None if colors is None else colors[mine]
+    if not len(cloud):
+        return Frame(inside, 0.0, tints)
     probes = np.column_stack([box.probes(), np.full(CELLS * CELLS, box.centre[2])])
     offsets = probes - position
     away = np.linalg.norm(offsets, axis=1)
-    if not len(cloud):
-        return Frame(inside, 0.0, tints)
     rays = cloud - position
     lengths = np.linalg.norm(rays, axis=1)
     directions = rays / np.maximum(lengths, 1e-9)[:, None]

@@ -11,6 +11,7 @@ from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Place, Places
+from estimation.geometry.rotations import wrap_angle
 from world_model.tasks.maintenance_kernels import straight_stop
 
 CLEARANCE = 0.25  # m a robot's middle keeps from what is occupied
@@ -35,21 +36,18 @@ class Way:
 
     def sampled(self, step: float) -> FloatArray:
         """(S, 3) x, y and heading after each `step` metres, the goal last; the robot itself only where it stays."""
-        legs = np.hypot(*np.diff(self.points, axis=0).T)
-        along = np.concatenate(([0.0], np.cumsum(legs)))
-        count = max(math.ceil(self.length / step - 1e-9), 1)
-        marks = np.linspace(0.0, self.length, count + 1)[1:]
-        result = np.empty((count + 1, 3))
-        for axis in range(2):
-            result[1:, axis] = np.interp(marks, along, self.points[:, axis])
-        result[0, :2] = self.points[0]
-        ahead = np.diff(result[:, :2], axis=0)
-        result[1:, 2] = np.where(
-            np.hypot(*ahead.T) > 1e-9, np.arctan2(ahead[:, 1], ahead[:, 0]), self.heading
-        )
-        result[0, 2] = result[1, 2]
-        result[-1, 2] = self.heading
-        return result
+        places = resampled(self.points, step)
+        ahead = np.diff(places, axis=0)
+        bearings = np.arctan2(ahead[:, 1], ahead[:, 0])
+        headings = np.where(np.hypot(*ahead.T) > 1e-9, bearings, self.heading)
+        return np.column_stack([places, [headings[0], *headings[:-1], self.heading]])
+
+
+def resampled(points: FloatArray, step: float) -> FloatArray:
+    """Places (S, 2), the first and the last among them, at most `step` m apart along a line through points (K, 2)."""
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+    marks = np.linspace(0.0, along[-1], max(math.ceil(along[-1] / step - 1e-9), 1) + 1)
+    return np.column_stack([np.interp(marks, along, points[:, axis]) for axis in range(2)])
 
 
 class Ways:
@@ -101,7 +99,7 @@ class Ways:
         if aside:
             front = math.atan2(*(self.pose[:2] - target)[::-1])
             bearings = np.arctan2(*(spots - target).T[::-1])
-            same = np.abs(np.angle(np.exp(1j * (bearings - front)))) < ASIDE
+            same = np.abs(wrap_angle(bearings - front)) < ASIDE
             far = ~np.isfinite(lengths)
             order = order[np.argsort((same | far)[order] + 1.0 * far[order], kind="stable")]
         for index in order:

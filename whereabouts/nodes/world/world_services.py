@@ -16,7 +16,7 @@ from whereabouts.nodes.world.world_publisher import WorldPublisher
 from whereabouts.system.counting import counted
 from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
 from world_model.camera.rates import SUFFIX as CAMERA_SUFFIX
-from world_model.world import routines_path
+from world_model.model import routines_path
 
 Array = NDArray[np.float64]
 

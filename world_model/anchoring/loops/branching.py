@@ -7,13 +7,11 @@ import numpy as np
 
 from world_model.anchoring.loops.contacts import correct_shared
 from world_model.anchoring.loops.kernels import copy_leaf, correct, create, miss
-from world_model.anchoring.loops.leaves import MOVING, REST
+from world_model.anchoring.loops.leaves import MOVING, REST, claim, release
 
 SAME = 0.1  # difference of two distributions that no later detection would tell; of attributes twice that
-SPREAD, APART = (
-    1.5,
-    0.15,
-)  # the same of two Gaussians: ratio of variances, squared distance in standard deviations
+SPREAD, APART = 1.5, 0.15
+"""The same of two Gaussians: ratio of variances, squared distance in standard deviations."""
 GONE = 0.05  # an anchor less probably there than this makes no difference between two worlds
 
 
@@ -103,21 +101,6 @@ def _variant(rows, slots, at, j, groups, seen, blocks):  # type: ignore[no-untyp
 
 
 @numba.njit(cache=True)
-def claim(free, top):  # type: ignore[no-untyped-def]
-    """A free row."""
-    top[0] -= 1
-    return free[top[0]]
-
-
-@numba.njit(cache=True)
-def release(track, free, top, slot):  # type: ignore[no-untyped-def]
-    """Give a row back; track (L,) : owners of all."""
-    track[slot] = -1
-    free[top[0]] = slot
-    top[0] += 1
-
-
-@numba.njit(cache=True)
 def alike(leaves, a, b, persistence, attributes):  # type: ignore[no-untyped-def]
     """Whether two leaves of a track say the same: no later detection could tell them apart.
 
@@ -153,94 +136,75 @@ def alike(leaves, a, b, persistence, attributes):  # type: ignore[no-untyped-def
 @numba.njit(cache=True)
 def join(pool, rows, log_weights, persistence, attributes):  # type: ignore[no-untyped-def]
     """Replace leaves by a more probable one that says the same, in `rows` (H, T)."""
-    leaves = pool.leaves
-    H, T = rows.shape
+    leaves, T = pool.leaves, rows.shape[1]
     weights = np.exp(log_weights - log_weights.max())
-    slots = np.empty(H, np.int64)
-    mass = np.empty(H)
     for t in range(T):
-        count = 0
-        for h in range(H):
-            if rows[h, t] < 0:
-                continue
-            at = -1
-            for k in range(count):
-                if slots[k] == rows[h, t]:
-                    at = k
-                    break
-            if at < 0:
-                slots[count] = rows[h, t]
-                mass[count] = 0.0
-                at = count
-                count += 1
-            mass[at] += weights[h]
-        if count < 2:
-            continue
-        order = np.argsort(-mass[:count])
-        for x in range(count):
-            a = slots[order[x]]
-            if a < 0:
-                continue
-            for y in range(x + 1, count):
-                b = slots[order[y]]
-                if b < 0 or not alike(leaves, a, b, persistence, attributes):
-                    continue
-                for h in range(H):
-                    if rows[h, t] == b:
-                        rows[h, t] = a
-                release(leaves.track, pool.free, pool.top, b)
-                slots[order[y]] = -1
+        column = rows[:, t]
+        slots = np.unique(column[column >= 0])
+        mass = np.zeros(slots.size)
+        for h in range(len(rows)):
+            if column[h] >= 0:
+                mass[np.searchsorted(slots, column[h])] += weights[h]
+        slots = slots[np.argsort(-mass)]
+        for x in range(slots.size):
+            for y in range(x + 1, slots.size):
+                a, b = slots[x], slots[y]
+                if a >= 0 and b >= 0 and alike(leaves, a, b, persistence, attributes):
+                    column[column == b] = a
+                    release(leaves.track, pool.free, pool.top, b)
+                    slots[y] = -1
+
+
+@numba.njit(cache=True)
+def here(leaves, slot):  # type: ignore[no-untyped-def]
+    """Probability that the object of a leaf is where it says; 0 for no leaf, -1."""
+    return leaves.behavior[slot, REST] + leaves.behavior[slot, MOVING] if slot >= 0 else 0.0
 
 
 @numba.njit(cache=True)
 def same_worlds(leaves, rows, log_weights, persistence, attributes):  # type: ignore[no-untyped-def]
     """Join hypotheses with the same objects under other names: rows (H, T) and weights, most probable first.
 
-    Each object present in one must have a counterpart in the other that says the same; what is most probably
-    gone does not count. The more probable naming stays.
+    The more probable naming stays.
     """
-    H, T = rows.shape
+    H = len(rows)
     alive = np.ones(H, np.bool_)
     mass = np.exp(log_weights - log_weights[0])
-    taken = np.empty(T, np.bool_)
     for a in range(H):
-        if not alive[a]:
-            continue
         for b in range(a + 1, H):
-            if not alive[b]:
-                continue
-            taken[:] = False
-            same = True
-            for t in range(T):
-                x = rows[a, t]
-                if x < 0 or leaves.behavior[x, REST] + leaves.behavior[x, MOVING] < GONE:
-                    continue
-                partner = -1
-                for u in range(T):
-                    y = rows[b, (t + u) % T]
-                    if y < 0 or taken[(t + u) % T]:
-                        continue
-                    if y == x or alike(leaves, x, y, persistence, attributes):
-                        partner = (t + u) % T
-                        break
-                if partner < 0:
-                    same = False
-                    break
-                taken[partner] = True
-            if not same:
-                continue
-            for t in range(T):
-                y = rows[b, t]
-                if y >= 0 and not taken[t] and leaves.behavior[y, REST] + leaves.behavior[y, MOVING] >= GONE:
-                    same = False
-                    break
-            if same:
+            if alive[a] and alive[b] and _same_objects(leaves, rows[a], rows[b], persistence, attributes):
                 alive[b] = False
                 mass[a] += mass[b]
     kept = np.flatnonzero(alive)
     share = mass[kept]
     order = np.argsort(-share)
     return rows[kept[order]], np.log(share[order] / share.sum())
+
+
+@numba.njit(cache=True)
+def _same_objects(leaves, one, other, persistence, attributes):  # type: ignore[no-untyped-def]
+    """Whether each object present in one hypothesis (T,) has a counterpart in another that says the same, and none is
+    left over there; what is most probably gone does not count."""
+    T = one.size
+    taken = np.zeros(T, np.bool_)
+    for t in range(T):
+        if here(leaves, one[t]) < GONE:
+            continue
+        partner = -1
+        for u in range(t, t + T):
+            slot = other[u % T]
+            if slot < 0 or taken[u % T]:
+                continue
+            if slot == one[t] or alike(leaves, one[t], slot, persistence, attributes):
+                partner = u % T
+                break
+        if partner < 0:
+            return False
+        taken[partner] = True
+    left = 0
+    for t in range(T):
+        left += not taken[t] and here(leaves, other[t]) >= GONE
+    return left == 0
 
 
 @numba.njit(cache=True)
@@ -265,22 +229,17 @@ def other_names(leaves, rows, log_weights):  # type: ignore[no-untyped-def]
     out = np.zeros((T, T))
     for c in range(T):
         spot = rows[0, c]
-        if spot < 0 or leaves.behavior[spot, REST] + leaves.behavior[spot, MOVING] < 0.5:
+        if here(leaves, spot) < 0.5:
             continue
         for h in range(1, H):
             own = rows[h, c]
-            if own == spot or (
-                own >= 0
-                and leaves.behavior[own, REST] + leaves.behavior[own, MOVING] >= 0.5
-                and same_spot(leaves, own, spot)
-            ):
+            if own == spot or (here(leaves, own) >= 0.5 and same_spot(leaves, own, spot)):
                 continue
             for d in range(T):
                 other = rows[h, d]
-                if d == c or other < 0 or other == rows[0, d]:
+                if d == c or other == rows[0, d] or here(leaves, other) < 0.5:
                     continue
-                there = leaves.behavior[other, REST] + leaves.behavior[other, MOVING]
-                if there >= 0.5 and same_spot(leaves, other, spot):
+                if same_spot(leaves, other, spot):
                     out[c, d] += np.exp(log_weights[h])
     return out
 
@@ -293,6 +252,5 @@ def presence(leaves, rows, log_weights):  # type: ignore[no-untyped-def]
     for h in range(H):
         weight = np.exp(log_weights[h])
         for t in range(T):
-            if rows[h, t] >= 0:
-                out[t] += weight * (leaves.behavior[rows[h, t], REST] + leaves.behavior[rows[h, t], MOVING])
+            out[t] += weight * here(leaves, rows[h, t])
     return out

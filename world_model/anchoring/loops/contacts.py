@@ -13,7 +13,7 @@ import numpy as np
 
 from estimation.checks import FloatArray
 from world_model.anchoring.loops.kernels import inverse_3x3, log_gauss
-from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray
+from world_model.anchoring.loops.leaves import AWAY, NONE, IntArray
 
 MERGED = 0.3  # that two movers at the same place, told apart at the last look, are detected as one
 STILL = 0.95  # that they are, if they were at the last look
@@ -53,11 +53,9 @@ def contacts(local, movers):  # type: ignore[no-untyped-def]
             b = local[y]
             if present[b] <= 0.0:
                 continue
-            square, variance = 0.0, 0.0
-            for k in range(3):
-                square += (centres[a, k] - centres[b, k]) ** 2
-                # Planar movers have no spread in height.
-                variance += 0.5 * (spreads[a, k, k] + spreads[b, k, k])
+            off = centres[a] - centres[b]
+            # Planar movers have no spread in height.
+            square, variance = off @ off, 0.5 * (np.trace(spreads[a]) + np.trace(spreads[b]))
             near = reach * reach / (reach * reach + variance)
             # Of two that were one at the last look it is known that they are near.
             scale = MERGED * near
@@ -129,15 +127,9 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
                     near = near or touching[groups[g, p], w] > 0.0
                 if inside or not near or count >= MOST_TRIED:
                     continue
-                at = 0
+                groups[count, :size] = groups[g, :size]
                 groups[count, size] = w
-                for p in range(size):
-                    if groups[g, p] < w:
-                        groups[count, p] = groups[g, p]
-                        at = p + 1
-                    else:
-                        groups[count, p + 1] = groups[g, p]
-                groups[count, at] = w
+                groups[count, : size + 1].sort()
                 for other in range(end, count):
                     if same(groups[other], groups[count]):
                         groups[count] = -1
@@ -151,10 +143,10 @@ def touching_groups(touching):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def same(one, other):  # type: ignore[no-untyped-def]
-    """Whether two groups (MOST_MEMBERS,) have the same members."""
+    """Whether two rows (N,) of indices are the same."""
     alike = True
-    for q in range(MOST_MEMBERS):
-        alike = alike and one[q] == other[q]
+    for k in range(one.size):
+        alike = alike and one[k] == other[k]
     return alike
 
 
@@ -179,15 +171,8 @@ def merge_events(local, touching, used, missing, seen, movers, threshold):  # ty
                 gain += np.log(movers.present[local[groups[g, p]]]) - missing[local[groups[g, p]]]
             worst = np.argmin(gains)
             if gain > -threshold and gain > gains[worst]:
-                gains[worst] = gain
-                row[worst] = r
-                for p in range(MOST_MEMBERS):
-                    members[worst, p] = groups[g, p]
-    order = np.argsort(-gains)
-    kept = 0
-    while kept < MOST_EVENTS and gains[order[kept]] > -np.inf:
-        kept += 1
-    order = order[:kept]
+                gains[worst], row[worst], members[worst] = gain, r, groups[g]
+    order = np.argsort(-gains)[: (gains > -np.inf).sum()]
     return members[order], row[order], gains[order]
 
 
@@ -257,41 +242,21 @@ def correct_shared(leaves, i, slots, group, z, R, stamp):  # type: ignore[no-unt
     So the covariance of the difference of two, the sum of theirs, is what it is without these detections, and who is
     who when they part is decided on what is known.
     """
-    size, spread, centre = 0, 0.0, np.zeros(3)
-    CH, S, inverse, off = np.zeros((6, 3)), R.copy(), np.empty((3, 3)), np.empty(3)
-    for g in group:
-        size += g >= 0
-    for g in group:
-        if g < 0:
-            continue
-        for b in range(3):
-            centre[b] += leaves.moving[slots[g], b] / size
-            spread += leaves.moving_cov[slots[g], b, b] / size
-            for a in range(6):
-                CH[a, b] += leaves.moving_cov[slots[g], a, b] / size**2
-    for a in range(3):
-        off[a] = z[a] - centre[a]
-        for b in range(3):
-            S[a, b] += CH[a, b]
-    for g in group:
-        if g < 0:
-            continue
-        x = leaves.moving[slots[g]]
-        for a in range(3):
-            for b in range(3):
-                S[a, b] += SCATTER * (x[a] - centre[a]) * (x[b] - centre[b]) / size
+    own = slots[group[group >= 0]]
+    size, P, inverse = own.size, leaves.moving_cov[i], np.empty((3, 3))
+    centre = leaves.moving[own, :3].sum(0) / size
+    off = leaves.moving[own, :3] - centre
+    CH = leaves.moving_cov[own, :, :3].sum(0) / size**2
+    S = R + CH[:3] + SCATTER / size * off.T @ off
     inverse_3x3(S, inverse)
-    P, moved = leaves.moving_cov[i], CH @ inverse @ off
-    for a in range(6):
-        # Who is known less well is moved more.
-        leaves.moving[i, a] += moved[a] * (P[0, 0] + P[1, 1] + P[2, 2]) / spread
+    # Who is known less well is moved more.
+    share = np.trace(P[:3, :3]) / (size * np.trace(CH[:3]))
+    leaves.moving[i] += share * (CH @ inverse @ (z - centre))
     leaves.together[i] += 1
-    here = leaves.behavior[i, REST] + leaves.behavior[i, MOVING]
-    if here > 0.0:
-        leaves.behavior[i, REST] /= here
-        leaves.behavior[i, MOVING] /= here
-    leaves.behavior[i, AWAY] = 0.0
-    leaves.behavior[i, NONE] = 0.0
+    pi = leaves.behavior[i]
+    pi[AWAY] = pi[NONE] = 0.0
+    if pi.sum() > 0.0:
+        pi /= pi.sum()
     leaves.visible[i] = 1.0
     leaves.last[i] = max(stamp, leaves.last[i])
     leaves.missed[i] = 0.0

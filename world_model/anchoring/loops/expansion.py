@@ -38,10 +38,12 @@ class Children(NamedTuple):
 
 
 class Parent(NamedTuple):
-    """One hypothesis: its number, log weight if everything is missed or new, its leaves (n,) and their columns (n,),
-    the detections (m,) that they can explain and the costs (m, n) of that, probabilities (n, n) of being in contact."""
+    """One hypothesis: its number, the most children it may have, its log weight if everything is missed or new, its
+    leaves (n,) and their columns (n,), the detections (m,) that they can explain and the costs (m, n) of that,
+    probabilities (n, n) of being in contact."""
 
     number: int
+    most: int
     weight: float
     local: IntArray
     columns: IntArray
@@ -59,7 +61,10 @@ def expand(rows, log_weights, matrix, missing, seen, movers, keep, threshold):  
     """
     H, T = rows.shape
     everything_new = seen.log_new.sum()
-    most = _most(matrix, missing, seen.log_new)
+    ratio = matrix - missing.reshape(-1, 1) - seen.log_new
+    gains = np.zeros(seen.log_new.size)  # at the most, of each detection over being new or clutter
+    for row in ratio:
+        gains = np.maximum(gains, row)
     order = np.argsort(-log_weights)
     share = np.exp(log_weights - log_weights.max())
     share /= share.sum()
@@ -74,75 +79,47 @@ def expand(rows, log_weights, matrix, missing, seen, movers, keep, threshold):  
     counts = np.zeros(2, np.int64)
     best = -np.inf
     for h in order:
-        weight = log_weights[h] + everything_new
         # The parents are sorted: no child of this one or a later one is among the best. Groups that share a detection
         # may gain a little more.
-        if weight + most < best - (3.0 if sharing else 1.0) * threshold:
+        if log_weights[h] + everything_new + gains.sum() < best - (3.0 if sharing else 1.0) * threshold:
             break
-        columns, local, n = np.empty(T, np.int64), np.empty(T, np.int64), 0
-        for t in range(T):
-            if rows[h, t] >= 0:
-                columns[n], local[n] = t, rows[h, t]
-                weight += missing[rows[h, t]]
-                n += 1
-        columns, local = columns[:n], local[:n]
+        columns = np.flatnonzero(rows[h] >= 0)
+        local = rows[h][columns]
+        weight = log_weights[h] + everything_new + missing[local].sum()
         touching = np.zeros((0, 0))
         if sharing and local.size > 1:
             touching = contacts(local, movers)
             if touching.max() <= 0.0:
                 touching = np.zeros((0, 0))
-        used, costs = _explained(local, matrix, missing, seen.log_new, threshold, touching.size > 0)
-        parent = Parent(h, weight, local, columns, used, costs, touching)
+        used, costs = _explained(ratio[local], threshold, touching.size > 0)
         k = min(max(1, int(np.ceil(keep * share[h]))), keep)
-        best = _add_children(parent, k, missing, seen, movers, threshold, children, counts, best)
+        parent = Parent(h, k, weight, local, columns, used, costs, touching)
+        best = _add_children(parent, missing, seen, movers, threshold, children, counts, best)
     weights = children.weights
-    ranked = np.argsort(-weights[: counts[0]])
-    kept = 0
-    while kept < min(keep, counts[0]) and weights[ranked[kept]] >= best - threshold:
-        kept += 1
-    ranked = ranked[:kept]
+    ranked = np.argsort(-weights[: counts[0]])[:keep]
+    ranked = ranked[weights[ranked] >= best - threshold]
     return Children(
         children.parents[ranked], children.choice[ranked], weights[ranked], children.groups[: counts[1]]
     )
 
 
 @numba.njit(cache=True)
-def _most(matrix, missing, log_new):  # type: ignore[no-untyped-def]
-    """What all detections can gain at the most over being new or clutter."""
-    most = 0.0
-    for j in range(log_new.size):
-        gain = 0.0
-        for i in range(matrix.shape[0]):
-            gain = max(gain, matrix[i, j] - missing[i] - log_new[j])
-        most += gain
-    return most
+def _explained(ratio, threshold, every):  # type: ignore[no-untyped-def]
+    """Detections (m,) that some of n leaves can explain, or `every` one, and the costs (m, n) of that.
+
+    ratio (n, M) : log weights of being a detection against being missed and the detection new.
+    """
+    costs = np.where(ratio > -threshold, -ratio, np.inf).T
+    gated = np.full(len(costs), every)
+    for j in range(len(costs)):
+        gated[j] |= (costs[j] < np.inf).any()
+    used = np.flatnonzero(gated)
+    return used, costs[used]
 
 
 @numba.njit(cache=True)
-def _explained(local, matrix, missing, log_new, threshold, every):  # type: ignore[no-untyped-def]
-    """Detections (m,) that some leaf of `local` can explain, or `every` one, and the costs (m, n) of that."""
-    n, m = local.size, 0
-    used = np.empty(log_new.size, np.int64)
-    costs = np.empty((log_new.size, n))
-    for j in range(log_new.size):
-        gated = every
-        for c in range(n):
-            costs[m, c] = np.inf
-            value = matrix[local[c], j]
-            if value > -np.inf:
-                ratio = value - missing[local[c]] - log_new[j]
-                if ratio > -threshold:
-                    costs[m, c] = -ratio
-                    gated = True
-        if gated:
-            used[m] = j
-            m += 1
-    return used[:m], costs[:m]
-
-
-@numba.njit(cache=True)
-def _add_children(parent, k, missing, seen, movers, threshold, children, counts, best):  # type: ignore[no-untyped-def]
-    """The `k` best children of a parent, in each set of groups that share a detection; returns the best weight so far.
+def _add_children(parent, missing, seen, movers, threshold, children, counts, best):  # type: ignore[no-untyped-def]
+    """The best children of a parent, in each set of groups that share a detection; returns the best weight so far.
 
     counts (2,) : of children and of groups, both kept up to date.
     """
@@ -173,7 +150,7 @@ def _add_children(parent, k, missing, seen, movers, threshold, children, counts,
             continue
         solutions = np.empty((1, 0), np.int64)
         if rest_rows.size > 0:
-            solutions = k_best_full(small, min(k, room - counts[0]))
+            solutions = k_best_full(small, min(parent.most, room - counts[0]))
         for solution in solutions:
             weight = start
             for r in range(rest_rows.size):
@@ -192,8 +169,7 @@ def _add_children(parent, k, missing, seen, movers, threshold, children, counts,
             best = max(best, weight)
             at = counts[0]
             children.parents[at], children.weights[at] = parent.number, weight
-            for c in range(n):
-                children.choice[at, parent.columns[c]] = chosen[c]
+            children.choice[at, parent.columns] = chosen
             counts[0] += 1
     return best
 
@@ -201,15 +177,13 @@ def _add_children(parent, k, missing, seen, movers, threshold, children, counts,
 @numba.njit(cache=True)
 def _square(costs, rows, columns, start):  # type: ignore[no-untyped-def]
     """Costs of these detections, of these tracks or new (r, c + r), and the best weight of any assignment."""
-    r_count, c_count = rows.size, columns.size
-    small = np.full((r_count, c_count + r_count), np.inf)
-    bound = start
-    for r in range(r_count):
+    small, bound = np.full((rows.size, columns.size + rows.size), np.inf), start
+    for r in range(rows.size):
         least = 0.0
-        for c in range(c_count):
+        for c in range(columns.size):
             small[r, c] = costs[rows[r], columns[c]]
             least = min(least, small[r, c])
-        small[r, c_count + r] = 0.0
+        small[r, columns.size + r] = 0.0
         bound -= least
     return small, bound
 
@@ -221,10 +195,9 @@ def _share(parent, events_chosen, events, event_row, M, groups, counts, chosen):
     for event in events_chosen:
         if event < 0:
             continue
-        for q in range(MOST_MEMBERS):
-            member[q] = -1
-            if events[event, q] >= 0:
-                member[q] = parent.local[events[event, q]]
+        own = events[event][events[event] >= 0]
+        member[:] = -1
+        member[: own.size] = parent.local[own]
         code = -1
         for g in range(counts[1]):
             if same(groups[g], member):
@@ -232,12 +205,9 @@ def _share(parent, events_chosen, events, event_row, M, groups, counts, chosen):
                 break
         if code < 0:
             code = min(counts[1], groups.shape[0] - 1)
-            for q in range(MOST_MEMBERS):
-                groups[code, q] = member[q]
+            groups[code] = member
             counts[1] = code + 1
-        for q in range(MOST_MEMBERS):
-            if events[event, q] >= 0:
-                chosen[events[event, q]] = M * (1 + code) + parent.used[event_row[event]]
+        chosen[own] = M * (1 + code) + parent.used[event_row[event]]
 
 
 @numba.njit(cache=True)
@@ -250,22 +220,11 @@ def components(rows, log_weights, tolerance):  # type: ignore[no-untyped-def]
     H, T = rows.shape
     weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
-    # Leaves renumbered per track, and their marginal probabilities.
-    label = np.empty((H, T), np.int64)
-    marginal = np.zeros((T, H))
-    kinds = np.zeros(T, np.int64)
+    # Leaves renumbered per track.
+    label, kinds = np.empty((H, T), np.int64), np.empty(T, np.int64)
     for t in range(T):
-        for h in range(H):
-            known = -1
-            for g in range(h):
-                if rows[g, t] == rows[h, t]:
-                    known = label[g, t]
-                    break
-            if known < 0:
-                known = kinds[t]
-                kinds[t] += 1
-            label[h, t] = known
-            marginal[t, known] += weights[h]
+        known = np.unique(rows[:, t])
+        label[:, t], kinds[t] = np.searchsorted(known, rows[:, t]), known.size
     group = np.arange(T)
     for a in range(T):
         if kinds[a] < 2:
@@ -276,22 +235,19 @@ def components(rows, log_weights, tolerance):  # type: ignore[no-untyped-def]
             joint = np.zeros((kinds[a], kinds[b]))
             for h in range(H):
                 joint[label[h, a], label[h, b]] += weights[h]
-            apart = 0.0
+            one, other, apart = joint.sum(1), joint.sum(0), 0.0
             for p in range(kinds[a]):
                 for q in range(kinds[b]):
-                    apart += abs(joint[p, q] - marginal[a, p] * marginal[b, q])
+                    apart += abs(joint[p, q] - one[p] * other[q])
             if 0.5 * apart > tolerance:
-                old, new = group[b], group[a]
-                for c in range(T):
-                    if group[c] == old:
-                        group[c] = new
+                group[group == group[b]] = group[a]
     return group
 
 
 @numba.njit(cache=True)
 def unify(rows, log_weights):  # type: ignore[no-untyped-def]
     """Join hypotheses with the same leaves; returns rows and weights, the most probable first, sum one."""
-    H, T = rows.shape
+    H = len(rows)
     order = np.argsort(-log_weights)
     kept = np.empty(H, np.int64)
     mass = np.empty(H)
@@ -299,22 +255,17 @@ def unify(rows, log_weights):  # type: ignore[no-untyped-def]
     top = log_weights[order[0]]
     for at in range(H):
         h = order[at]
-        same = -1
+        known = -1
         for k in range(count):
-            equal = True
-            for t in range(T):
-                if rows[kept[k], t] != rows[h, t]:
-                    equal = False
-                    break
-            if equal:
-                same = k
+            if same(rows[kept[k]], rows[h]):
+                known = k
                 break
-        if same < 0:
+        if known < 0:
             kept[count] = h
             mass[count] = np.exp(log_weights[h] - top)
             count += 1
         else:
-            mass[same] += np.exp(log_weights[h] - top)
+            mass[known] += np.exp(log_weights[h] - top)
     mass = mass[:count]
     ranked = np.argsort(-mass)
     return rows[kept[:count][ranked]], np.log(mass[ranked] / mass.sum())

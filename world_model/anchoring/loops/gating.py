@@ -21,16 +21,16 @@ OUT_OF_GATE = -60.0  # log density below which a detection is of something else
 
 
 @numba.njit(cache=True)
-def touch(leaves, active, seen, spread, sensor, known, silent, motion, chosen, clear):  # type: ignore[no-untyped-def]
+def touch(leaves, active, seen, spread, sensor, known, silent, motion):  # type: ignore[no-untyped-def]
     """Leaves that a look concerns: in view, near a detection, or of movers.
 
     active (N,) rows in use; spread (M,) largest standard deviation of each detection, m; sensor as in
     `clearance`, used where `known`; `silent` where absence means nothing. A look made some time ago says nothing
-    about the absence of what has been seen since, nor of what moves. Writes rows to `chosen` and to `clear`
-    the probability that being there would have meant being in view; returns how many.
+    about the absence of what has been seen since, nor of what moves. Returns their rows (n,), and the probability
+    (n,) that being there would have meant being in view.
     """
     stamp, lag, positions = seen.stamp, seen.lag, seen.positions
-    count = 0
+    chosen, clear, count = np.empty(active.size, np.int64), np.empty(active.size), 0
     wider, x = sensor.copy(), np.empty(3)
     for k in range(active.size):
         i = active[k]
@@ -79,7 +79,7 @@ def touch(leaves, active, seen, spread, sensor, known, silent, motion, chosen, c
             chosen[count] = i
             clear[count] = view
             count += 1
-    return count
+    return chosen[:count], clear[:count]
 
 
 @numba.njit(cache=True)
@@ -118,18 +118,18 @@ def _near(leaves, i, positions, sharpest, spread, near):  # type: ignore[no-unty
 
 
 @numba.njit(cache=True)
-def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # type: ignore[no-untyped-def]
+def weigh(leaves, chosen, clear, seen, classes, detector):  # type: ignore[no-untyped-def]
     """Predict the touched leaves and weigh being missed and being each detection: (2.7), (2.8), (2.10).
 
-    detector (2, 5) : as `detector_table` makes it. Writes log weights to matrix
-    (n, M), -inf where a detection is out of the gate, and missing (n, 2): log weight and probability of
-    a detection that did not come. Predicts in place.
+    detector (2, 5) : as `detector_table` makes it. Returns log weights (n, M), -inf where a detection is out of the
+    gate, and (n, 2) log weight and probability of a detection that did not come. Predicts in place.
     """
     positions, covariances, motion = seen.positions, seen.covariances, classes.motion
     stamp, lag = seen.stamp, seen.lag
     out, S, inverse = np.empty(2), np.empty((3, 3)), np.empty((3, 3))
     sharpest, spread = _bounds(covariances)
     near = np.ones(positions.shape[0], np.bool_)
+    matrix, missing = np.full((chosen.size, near.size), -np.inf), np.empty((chosen.size, 2))
     for k in range(chosen.size):
         i = chosen[k]
         dt = stamp - leaves.stamp[i]
@@ -148,7 +148,6 @@ def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # t
         if lag == 0.0:
             _near(leaves, i, positions, sharpest, spread, near)
         for j in range(positions.shape[0]):
-            matrix[k, j] = -np.inf
             if not near[j]:
                 continue
             log_likelihoods(leaves, i, positions[j], covariances[j], lag, out, S, inverse)
@@ -159,3 +158,4 @@ def weigh(leaves, chosen, clear, seen, classes, detector, matrix, missing):  # t
             factor = attribute_factor(leaves.attributes[i], seen.likelihood[j], classes.blocks)
             if weight > 0.0 and factor > 0.0:
                 matrix[k, j] = found + top + np.log(weight * factor)
+    return matrix, missing

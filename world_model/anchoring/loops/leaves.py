@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -68,6 +69,12 @@ def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
     return made._replace(variances=np.full((size, quantities), -1.0), **whole)
 
 
+def leaves_in(rows: IntArray) -> IntArray:
+    """Leaves (n,) of rows of hypotheses, each once."""
+    found: IntArray = np.unique(rows)
+    return found[found >= 0]
+
+
 class Rows(NamedTuple):
     """leaves, and the stack `free` (L,) of rows that are not in use, of which the first top[0] count."""
 
@@ -76,57 +83,61 @@ class Rows(NamedTuple):
     top: IntArray
 
 
-class Pool:
-    """Leaves with a stack of free rows; grows by doubling."""
+@numba.njit(cache=True)
+def claim(free, top):  # type: ignore[no-untyped-def]
+    """A free row."""
+    top[0] -= 1
+    return free[top[0]]
 
-    def __init__(self, attributes: int, quantities: int = 0, size: int = 256) -> None:
-        self.leaves = empty(size, attributes, quantities)
-        self.free = np.arange(size - 1, -1, -1)
-        self.top = np.array([size])
-        """How many entries of `free` are free."""
+
+@numba.njit(cache=True)
+def release(track, free, top, slot):  # type: ignore[no-untyped-def]
+    """Give a row back; track (L,) : owners of all."""
+    track[slot] = -1
+    free[top[0]] = slot
+    top[0] += 1
+
+
+class Pool:
+    """Leaves with a stack of free rows; grows by doubling. rows : as compiled loops take them, valid until more are
+    reserved."""
+
+    def __init__(self, attributes: int, quantities: int, size: int = 256) -> None:
+        self.rows = Rows(empty(size, attributes, quantities), np.arange(size - 1, -1, -1), np.array([size]))
 
     @property
-    def rows(self) -> Rows:
-        """As compiled loops take it; valid until more rows are reserved."""
-        return Rows(self.leaves, self.free, self.top)
+    def leaves(self) -> Leaves:
+        return self.rows.leaves
 
     @property
     def size(self) -> int:
-        return len(self.leaves.stamp)
+        return len(self.rows.free)
 
     @property
     def used(self) -> int:
         """Rows in use."""
-        return self.size - int(self.top[0])
+        return self.size - int(self.rows.top[0])
 
     def reserve(self, count: int) -> None:
         """Make sure that `count` rows are free."""
-        while self.top[0] < count:
-            old = self.size
-            grown = empty(2 * old, self.leaves.attributes.shape[1], self.leaves.values.shape[1])
-            for mine, other in zip(grown, self.leaves, strict=True):
+        while self.rows.top[0] < count:
+            old, (leaves, free, top) = self.size, self.rows
+            grown = empty(2 * old, leaves.attributes.shape[1], leaves.values.shape[1])
+            for mine, other in zip(grown, leaves, strict=True):
                 mine[:old] = other
-            self.leaves = grown
-            free = np.zeros(2 * old, np.int64)
-            top = int(self.top[0])
-            free[:top] = self.free[:top]
-            free[top : top + old] = np.arange(2 * old - 1, old - 1, -1)
-            self.free = free
-            self.top[0] = top + old
+            more = np.concatenate([free[: top[0]], np.arange(2 * old - 1, old - 1, -1)])
+            self.rows = Rows(grown, np.resize(more, 2 * old), top + old)
 
     def take(self) -> int:
         """A free row."""
         self.reserve(1)
-        self.top[0] -= 1
-        return int(self.free[self.top[0]])
+        return int(claim(self.rows.free, self.rows.top))
 
     def give(self, slot: int) -> None:
         """Return a row."""
-        self.leaves.track[slot] = -1
-        self.free[self.top[0]] = slot
-        self.top[0] += 1
+        release(self.leaves.track, self.rows.free, self.rows.top, slot)
 
     def widen(self, column: int) -> None:
         """Insert an attribute column (a new value) before `column`."""
-        attributes = np.insert(self.leaves.attributes, column, 0.0, axis=1)
-        self.leaves = self.leaves._replace(attributes=np.ascontiguousarray(attributes))
+        attributes = np.ascontiguousarray(np.insert(self.leaves.attributes, column, 0.0, axis=1))
+        self.rows = self.rows._replace(leaves=self.leaves._replace(attributes=attributes))

@@ -47,7 +47,7 @@ class Look:
     had looked there, s; room (M,) : probability that something new can be there. reach : m at which two movers are
     detected as one, 0 where that is out of the question. chosen (n,) : leaves that the look concerns; clear (n,) :
     probability that being there would have meant being in view; matrix (n, M), missing (n, 2) : as `gating.weigh`
-    writes them."""
+    returns them."""
 
     seen: Detections
     born: FloatArray

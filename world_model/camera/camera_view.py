@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from estimation.checks import FloatArray
+from estimation.geometry.rotations import wrap_angle
 from world_model.camera.boxes import ImageBox
 from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
@@ -54,11 +55,6 @@ class CameraView:
     rates: SightRates = field(default_factory=SightRates)
     taken: tuple[ImageBox, ...] = ()
     turned: FloatArray | None = None
-
-    @property
-    def knows_hidden(self) -> bool:
-        """Whether what hides an object has been measured."""
-        return self.depth is not None
 
     def seen(self, positions: FloatArray, sigmas: FloatArray, sizes: FloatArray) -> FloatArray:
         """Probability (N,) that objects would have been in the picture, whole and large enough.
@@ -132,8 +128,7 @@ class CameraView:
         rays = self.camera.border @ self.pose[:3, :3].T
         ahead = self.pose[:3, :3] @ self.camera.rays([[self.camera.cx, self.camera.cy]])[0]
         yaw = float(np.arctan2(ahead[1], ahead[0]))
-        off = np.arctan2(rays[:, 1], rays[:, 0]) - yaw
-        off = np.abs(np.arctan2(np.sin(off), np.cos(off)))
+        off = np.abs(wrap_angle(np.arctan2(rays[:, 1], rays[:, 0]) - yaw))
         up = self.pose[2, :3]
         over = self.camera.inside(self.camera.project(np.array([-up, up]))).any()  # sees all around
         half = np.pi if over else min(float(off.max()) + 0.02, np.pi)
