@@ -10,7 +10,6 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from whereabouts.logs import Qos
-from whereabouts.messages.decode import UnusableMessageError
 from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.qos import TF_STATIC_QOS, best_effort
@@ -54,7 +53,6 @@ class _Listener:
         self.survey = Survey("the running robot", live=True)
         self._node = node
         self._subscribed: set[str] = set()
-        self._unusable: dict[str, str] = {}
         self._suite: dict[str, Any] = {}
 
     def look(self) -> None:
@@ -76,10 +74,7 @@ class _Listener:
                 suite = (item for item in message.status if item.hardware_id == "whereabouts")
                 self._suite |= {item.name: item for item in suite}
                 return
-            try:
-                look_at_message(self.survey, seen, message, time.time())
-            except UnusableMessageError as error:
-                self._unusable[seen.name] = str(error)
+            look_at_message(self.survey, seen, message, time.time())
 
         qos = TF_STATIC_QOS if seen.name.endswith("tf_static") else best_effort(DEPTH)
         self._node.create_subscription(message_class(seen.kind), seen.name, take, qos)
@@ -93,7 +88,6 @@ class _Listener:
                 f"nodes of the suite are running: {names}. Their transforms are taken for the robot's own: "
                 "stop them before `whereabouts setup`"
             )
-        troubles += [f"{name}: {said}" for name, said in sorted(self._unusable.items())]
         for name, said in sorted(self._suite.items()):
             drops = [f"{item.key}: {item.value}" for item in said.values if " dropped, " in item.key]
             if said.level != DiagnosticStatus.OK or drops:
