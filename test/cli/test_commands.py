@@ -77,7 +77,7 @@ def test_odometry_says_why_it_is_unsure_and_why_scans_were_left_out(tmp_path: Pa
         for k in range(5):
             writer.write_scan(ScanRecord(Scan(np.full(40, 2000.0), -1.0, 0.05, 0.1, 8.0, 1.0 + k), 1.0 + k))
     result = runner.invoke(app, ["odometry", str(bag)])
-    assert "5 × only 0 points on lines" in result.stderr
+    assert "note: 5 × only 0 points on lines; at least 15 are needed (first at time 1.000)" in result.stderr
     assert "5 unsure" in result.stdout
     with McapWriter(bag) as writer:
         empty = scan_message(ScanRecord(Scan(np.zeros(0), -1.0, 0.05, 0.1, 8.0, 1.0), 1.0))

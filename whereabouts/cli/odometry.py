@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 import time
 from typing import Any
 
@@ -44,7 +43,6 @@ def odometry(
     stamps: list[float] = []
     places: list[Any] = []
     unsure = 0
-    doubts: dict[str, list[str]] = {}  # reasons, by what they say without their numbers
     started = time.perf_counter()
     with (
         reading(source, "following", params, topic) as log,
@@ -57,13 +55,11 @@ def odometry(
             places.append(pose[:2] if pose.ndim == 1 else pose[:3, 3])
             unsure += not followed.converged
             if followed.reason:
-                doubts.setdefault(re.sub(r"[\d.]+", "", followed.reason), []).append(followed.reason)
+                log.log.summary.note(followed.reason, f"time {followed.stamp:.3f}")
             if writer is not None:
                 writer.write(followed.stamp, pose)
             log.advance(len(stamps))
         log.require(len(stamps))
-    for said in doubts.values():
-        typer.echo(f"{len(said)} × {said[0]}", err=True)
     elapsed, count, duration = time.perf_counter() - started, len(stamps), stamps[-1] - stamps[0]
     length = sum(math.dist(a, b) for a, b in itertools.pairwise(places))
     typer.echo(

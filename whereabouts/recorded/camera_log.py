@@ -72,8 +72,12 @@ class CameraLog:
             kept = self._depths.setdefault(frame, Cameras())
             kept.keep(stamp, message)
 
-    def evidence(self, message: Any, frame: str, stamp: int, last: bool) -> WorldEvidence:
-        """Of boxes in the image of a frame, at a stamp, ns. last : whether nothing more is waited for.
+    def evidence(
+        self, message: Any, frame: str, stamp: int, last: bool
+    ) -> tuple[WorldEvidence, dict[int, str]]:
+        """Of boxes in the image of a frame, at a stamp, ns, and why some could not be placed, by index.
+
+        last : whether nothing more is waited for.
 
         Raises TransformError, and InputError also where what belongs to them has not come.
         """
@@ -95,7 +99,7 @@ class CameraLog:
         taken = tuple(box_from_message(message.detections[index].bbox) for index in refused)
         evidence.view = replace(view, taken=taken, turned=turned)
         evidence.blocked = self._lenses.repeats(frame, stamp)
-        return evidence
+        return evidence, refused
 
     def placed(self, frame: str, stamp: int) -> SeenFrame:
         """A frame on the robot in the map, by tf. Raises TransformError."""
