@@ -66,7 +66,7 @@ def test_odometry_of_a_log_without_scans_says_so_and_leaves_no_file(tmp_path: Pa
     command = [sys.executable, "-m", "whereabouts.cli.main", "odometry", str(empty), "--out", str(out)]
     answer = subprocess.run(command, capture_output=True, text=True)
     assert answer.returncode == 1
-    assert "no scans or clouds" in answer.stderr
+    assert "no scans or clouds in it that can be used; it has /wheel_odom" in answer.stderr
     assert "Traceback" not in answer.stderr
     assert not out.exists()
 

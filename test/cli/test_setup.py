@@ -198,6 +198,7 @@ def test_a_scanner_is_followed_once_and_without_what_a_filter_took_out(other: st
     result, given = set_up(bag, tmp_path)
     first = "/scan_filtered" if "filtered" in other else "/a_scan"
     assert set(given["scan_registration"]["scan_topics"]) == {first, "/rear_scan"}
+    assert ", joined with /" in result.output
     assert "not used: /scan: of the same scanner" in result.stdout
 
 

@@ -127,7 +127,11 @@ class LogReading:
 
         if not count:
             wanted = f"on topic {self.topic}" if self.topic else "in it"
-            raise NothingRecognisedError(self.source, f"there are no {what} {wanted} that can be used")
+            there = ", ".join(f"/{name}" for name in self.log.summary.records)
+            raise NothingRecognisedError(
+                self.source,
+                f"there are no {what} {wanted} that can be used{f'; it has {there}' if there else ''}",
+            )
 
 
 @contextmanager

@@ -88,7 +88,8 @@ def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
     item = survey.topics[followed]
     reach = f", up to {item.range_max:g} m" if item.range_max else ""
     rate = f" at {item.rate:.1f} Hz" if item.rate else ""
-    yield note(f"following {followed}{rate}{reach}")
+    joined = f", joined with {', '.join(choice.scans[1:])}" if choice.scans[1:] else ""
+    yield note(f"following {followed}{rate}{reach}{joined}")
     beside = [other for other in scans if other.name not in choice.scans]
     taken = {survey.topics[name].frame for name in choice.scans}
     same = [other for other in beside if other.frame in taken]
