@@ -180,3 +180,10 @@ def test_a_log_without_tf_that_says_how_its_scanner_is_mounted_is_believed(tmp_p
     log.write_text("".join(f"{line % (stamp, stamp)}\n" for stamp in (1.0, 1.2)), encoding="ascii")
     assert runner.invoke(app, ["setup", str(log), "--out", str(settings)]).exit_code == 0
     assert "tf does not say" not in run("odometry", log, "--params", settings)
+
+
+def test_a_file_of_run_is_told_from_one_of_parameters(tmp_path: Path) -> None:
+    config = tmp_path / "suite.yaml"
+    config.write_text("nodes:\n  world_model:\n    parameters: {classes: [cup]}\n", encoding="ascii")
+    with pytest.raises(ParameterFileError, match="is for `run --config`"):
+        settings_for(config, "world_model")
