@@ -50,8 +50,10 @@ def read_sections(path: Path) -> list[tuple[str, dict[str, Any]]]:
     """
     content = read_yaml(path, ParameterFileError)
     if not is_parameter_file(content):
+        suite = isinstance(content, dict) and "nodes" in content
         raise ParameterFileError(
             f"{path}: is no ROS parameter file: nodes with `{SECTION}:` below them expected, such as `/**:`"
+            f"{'; a file with `nodes:` is for `run --config`' if suite else ''}"
         )
     return _sections(path, content, "")
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from world_model.state import WorldObject
 
 SURE = 0.9  # Probability from which on a class is said without it, and an answer without "probably"
-LIKELY = 0.5  # Below it no class is said
+LIKELY = 0.5  # up to it no class and no colour is said: another is as likely
 COLOR = "color"
 
 
@@ -24,11 +24,11 @@ def named(item: WorldObject, adjectives: Iterable[str] = ()) -> str:
     classes = item.attributes.get("class", {})
     kind = item.most_probable("class")
     share = float(classes.get(kind, 0.0))
-    if not kind or share < LIKELY:
+    if not kind or share <= LIKELY:
         return item.id
     color = item.most_probable(COLOR)
     words = [word for word in adjectives if word not in (kind, color)]
-    if color and item.attributes[COLOR][color] >= LIKELY:
+    if color and item.attributes[COLOR][color] > LIKELY:
         words.append(color)
     what = " ".join(word.replace("_", " ") for word in (*words, kind))
     if what == item.id:

@@ -113,7 +113,7 @@ class Symbols:
             measured = quantities and predicate.where.keys() <= quantities.keys()
             if predicate.any or predicate.attribute in attributes or (predicate.where and measured):
                 found[symbol] = self.probability(symbol, attributes, quantities)
-        likely = {symbol: p for symbol, p in found.items() if p >= min_probability}
+        likely = {symbol: p for symbol, p in found.items() if p > min_probability}
         return dict(sorted(likely.items(), key=lambda item: -item[1]))
 
     def of_attribute(self, attribute: str) -> list[str]:

@@ -11,6 +11,7 @@ from estimation.errors import InputError
 
 # Finest and widest step between beams, radians: whatever turns bearings into indices divides by it.
 FINEST, TURN = 1e-6, 2.0 * np.pi
+MOST_TURNS = 2.0  # of one sweep; in degrees taken for radians it would have dozens
 FARTHEST = 1e6  # metres; a reading beyond is none
 
 
@@ -59,6 +60,11 @@ class Scan:
                 step = f"{self.angle_increment:g}"
                 raise InputError(f"angle_increment: {FINEST:g} to 2 pi expected of several beams, got {step}")
             object.__setattr__(self, "angle_increment", TURN)
+        turns = abs(self.angle_increment) * (len(values) - 1) / TURN
+        if turns > MOST_TURNS:
+            raise InputError(
+                f"angle_increment: radians expected, with these its beams go round {turns:.0f} times"
+            )
 
     def __len__(self) -> int:
         return len(self.ranges)

@@ -49,6 +49,11 @@ class Habit:
         return self._typical.copy() if self.regular else last
 
     @property
+    def length(self) -> float:
+        """Metres of a typical motion."""
+        return float(np.hypot(self._typical[0], self._typical[1])) if self._count else UNTRIED
+
+    @property
     def doubt(self) -> FloatArray:
         """(3, 3) covariance of a motion from what was expected."""
         known = min(self._count, MEMORY)

@@ -55,7 +55,7 @@ class ScanTracker:
         # Motion from the first beam of the last scan to the middle of its sweep, and its covariance.
         self._ahead = np.zeros(3), np.zeros((3, 3))
         self._travelled = 0.0
-        self._lost = 0
+        self._lost = self._open = 0
         self._noise = np.zeros((3, 3))  # covariance of the last scan against the map, odometry frame
 
     def _empty(self) -> MapMatcher:
@@ -232,8 +232,8 @@ class ScanTracker:
             self._habit.learn(increment, self._last)
         self._last = FADE * increment if refined.open_directions and not wheels else increment
         self._travelled += float(np.hypot(*increment[:2]))
-        noise = scan_covariance(refined, doubt)
-        covariance = in_frame(noise + self._noise, float(before[2]))
+        noise, by_step = self._uncertainty(refined, doubt, wheels)
+        covariance = in_frame(by_step, float(before[2]))
         self._noise = noise
         drift = np.zeros((3, 3))
         turned = abs(wrap_angle(float(self.pose[2] - self._key[2])))
@@ -252,6 +252,25 @@ class ScanTracker:
             opened = f"{refined.open_directions} of 3 directions of motion are open"
             reason = f"{opened}: the prediction is kept there"
         return Step(increment, covariance, sure, reason, match.share, static, drift, noise)
+
+    def _uncertainty(
+        self, refined: Refined, doubt: FloatArray, wheels: bool
+    ) -> tuple[FloatArray, FloatArray]:
+        """Covariances (3, 3) of the pose against the map and of the step, odometry frame; doubt : of its prediction.
+
+        What the map does not tell was not told before either: there the doubt of steps adds up. Where nothing tells of
+        a motion but the one before, all steps since then miss the same way, each by as much as the sensor moves.
+        """
+        before = self._noise
+        self._open = self._open + 1 if refined.open_directions and not wheels else 0
+        if self._open:
+            missed = np.diag([1.0, 1.0, 0.0]) * self._habit.length**2
+            doubt = doubt + missed
+            before = (1.0 + 1.0 / self._open) * before + self._open * missed
+        noise = scan_covariance(refined, before + doubt)
+        told = noise @ refined.information / EFFICIENCY
+        rest = np.eye(3) - told
+        return noise, told @ self._noise @ told.T + told @ noise + rest @ doubt @ rest.T
 
     def _owning(self, refined: Refined, surface: Surface) -> Refined:
         """With less information where it hangs on one small piece, which may be a person who walks."""

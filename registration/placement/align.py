@@ -87,7 +87,8 @@ def as_guess(guess: ArrayLike | None, shape: tuple[int, ...], default: FloatArra
         return default
     start = np.array(guess, dtype=np.float64)
     if start.shape != shape or not np.isfinite(start).all():
-        raise InputError(f"guess: finite array of shape {shape} expected, got shape {start.shape}")
+        got = f"shape {start.shape}" if start.shape != shape else f"{start.tolist()}"
+        raise InputError(f"guess: finite array of shape {shape} expected, got {got}")
     return start
 
 

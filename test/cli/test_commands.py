@@ -12,9 +12,11 @@ import pytest
 from typer.testing import CliRunner
 
 from evaluation.demo.recorded import dropped
+from registration import Scan
 from whereabouts.cli import main
 from whereabouts.cli.main import app
 from whereabouts.logs import McapWriter, OdometryRecord, ScanRecord, read_tum
+from whereabouts.logs.bags.encode import scan_message
 from whereabouts.simulation import Drive, Lidar, box, joined
 
 runner = CliRunner()
@@ -64,9 +66,25 @@ def test_odometry_of_a_log_without_scans_says_so_and_leaves_no_file(tmp_path: Pa
     command = [sys.executable, "-m", "whereabouts.cli.main", "odometry", str(empty), "--out", str(out)]
     answer = subprocess.run(command, capture_output=True, text=True)
     assert answer.returncode == 1
-    assert "no scans or clouds" in answer.stderr
+    assert "no scans or clouds in it that can be used; it has /wheel_odom" in answer.stderr
     assert "Traceback" not in answer.stderr
     assert not out.exists()
+
+
+def test_odometry_says_why_it_is_unsure_and_why_scans_were_left_out(tmp_path: Path) -> None:
+    bag = tmp_path / "blind.mcap"
+    with McapWriter(bag) as writer:
+        for k in range(5):
+            writer.write_scan(ScanRecord(Scan(np.full(40, 2000.0), -1.0, 0.05, 0.1, 8.0, 1.0 + k), 1.0 + k))
+    result = runner.invoke(app, ["odometry", str(bag)])
+    assert "note: 5 × only 0 points on lines; at least 15 are needed (first at time 1.000)" in result.stderr
+    assert "5 unsure" in result.stdout
+    with McapWriter(bag) as writer:
+        empty = scan_message(ScanRecord(Scan(np.zeros(0), -1.0, 0.05, 0.1, 8.0, 1.0), 1.0))
+        writer.write_message("scan", "sensor_msgs/msg/LaserScan", empty, 10**9)
+    result = runner.invoke(app, ["odometry", str(bag)])
+    assert result.exit_code == 1
+    assert "skipped 1 × /scan: scan without readings" in result.stderr
 
 
 @pytest.mark.parametrize(

@@ -172,3 +172,18 @@ def test_a_scanner_that_tf_does_not_place_is_told_of(
     said = run("odometry", bag, "--params", settings)
     assert "tf does not say how 'base_scan' is mounted" in said
     assert "no reading lies between the scanner's range_min and range_max (2 of 2 messages on scan)" in said
+
+
+def test_a_log_without_tf_that_says_how_its_scanner_is_mounted_is_believed(tmp_path: Path) -> None:
+    log, settings = tmp_path / "drive.clf", tmp_path / "robot.yaml"
+    line = f"FLASER 9 {' '.join(['2.0'] * 9)} 0.0 0.0 0.0 0.0 0.0 0.0 %.1f host %.1f"
+    log.write_text("".join(f"{line % (stamp, stamp)}\n" for stamp in (1.0, 1.2)), encoding="ascii")
+    assert runner.invoke(app, ["setup", str(log), "--out", str(settings)]).exit_code == 0
+    assert "tf does not say" not in run("odometry", log, "--params", settings)
+
+
+def test_a_file_of_run_is_told_from_one_of_parameters(tmp_path: Path) -> None:
+    config = tmp_path / "suite.yaml"
+    config.write_text("nodes:\n  world_model:\n    parameters: {classes: [cup]}\n", encoding="ascii")
+    with pytest.raises(ParameterFileError, match="is for `run --config`"):
+        settings_for(config, "world_model")

@@ -27,7 +27,7 @@ from whereabouts.logs import (
     Topic,
     TransformRecord,
 )
-from whereabouts.logs.bags.encode import transform_message
+from whereabouts.logs.bags.encode import scan_message, transform_message
 from whereabouts.logs.bags.ros_types import standard_types
 from whereabouts.logs.writer import LATCHED
 from whereabouts.parameter_file import problems_of_file, settings_for
@@ -103,6 +103,44 @@ def test_a_base_that_places_its_footprint_keeps_it(tmp_path: Path) -> None:
     assert len(config.nodes) == 8, "all nodes run with it"
 
 
+def test_scans_that_are_all_refused_stand_in_the_way(tmp_path: Path) -> None:
+    bag = tmp_path / "degrees.mcap"
+    in_degrees = scan_message(ScanRecord(SCAN, 101.0))
+    in_degrees.angle_increment = 1.0
+    with RobotRecording(bag) as robot:
+        robot.fixed("base_link", "laser")
+        for k in range(3):
+            robot.writer.write_message(
+                "scan", "sensor_msgs/msg/LaserScan", in_degrees, round(1e9 * (101 + k))
+            )
+    result, _ = set_up(bag, tmp_path)
+    assert result.exit_code == 1
+    assert "error: /scan: scan refused: angle_increment: radians expected" in result.output
+    assert "(3 messages refused)" in result.output
+    assert "between range_min and range_max" not in result.output
+    assert not (tmp_path / "robot.yaml").exists()
+
+
+def test_ranges_in_millimetres_are_asked_about(tmp_path: Path) -> None:
+    bag = tmp_path / "millimetres.mcap"
+    with RobotRecording(bag) as robot:
+        robot.fixed("base_link", "laser")
+        scan = Scan(1e3 * SCAN.ranges, SCAN.angle_min, SCAN.angle_increment, 100.0, 8000.0, 101.0)
+        robot.writer.write_scan(ScanRecord(scan, 101.0))
+    result, _ = set_up(bag, tmp_path)
+    assert "are its ranges in millimetres?" in result.output
+
+
+def test_what_is_to_know_of_a_cut_bag_is_one_note(tmp_path: Path) -> None:
+    bag = tmp_path / "cut.mcap"
+    record(bag, duration=3.0)
+    whole = bag.read_bytes()
+    bag.write_bytes(whole[: len(whole) // 2])
+    result, _ = set_up(bag, tmp_path)
+    assert "note: 1 × cut.mcap: not finished by its recorder" in result.output
+    assert "note: note:" not in result.output
+
+
 def test_a_base_without_tf_is_placed_by_the_suite(tmp_path: Path) -> None:
     bag = tmp_path / "husky.mcap"
     naming = Naming("front/scan", "odometry/filtered", "front_laser", "base_link", broadcast=False)
@@ -160,6 +198,7 @@ def test_a_scanner_is_followed_once_and_without_what_a_filter_took_out(other: st
     result, given = set_up(bag, tmp_path)
     first = "/scan_filtered" if "filtered" in other else "/a_scan"
     assert set(given["scan_registration"]["scan_topics"]) == {first, "/rear_scan"}
+    assert ", joined with /" in result.output
     assert "not used: /scan: of the same scanner" in result.stdout
 
 

@@ -136,6 +136,43 @@ def test_boxes_are_placed_and_what_is_missing_has_gone(tmp_path: Path) -> None:
     assert any(name.startswith("found at") for name in log.camera.rates.figures())
 
 
+def test_every_reason_why_nothing_was_usable_is_said(tmp_path: Path) -> None:
+    recorder = CameraRecorder(tmp_path / "camera.mcap")
+    with recorder.writer:
+        recorder.transform("/tf_static", "base_link", "eye", MOUNT, 10.0)
+        recorder.info()
+        recorder.look({"cup-1": CUP}, 5, depth=False)
+    with (
+        EvidenceLog(tmp_path / "camera.mcap", Reader({"class": ["cup", "bowl"]}, ("class",), 0.03)) as log,
+        pytest.raises(
+            NothingRecognisedError, match=r"(?s)older than the oldest transform.*no depth image of 'eye'"
+        ),
+    ):
+        list(log)
+
+
+def test_boxes_that_have_no_place_are_counted(tmp_path: Path) -> None:
+    recorder = CameraRecorder(tmp_path / "camera.mcap")
+    found = recorder._framed
+
+    def as_shares(one: Framed) -> Any:
+        item = found(one)
+        item.bbox.size_x, item.bbox.size_y = item.bbox.size_x / 160.0, item.bbox.size_y / 120.0
+        return item
+
+    recorder._framed = as_shares  # type: ignore[method-assign]
+    with recorder.writer:
+        recorder.transform("/tf_static", "base_link", "eye", MOUNT, 10.0)
+        recorder.transform("/tf", "map", "base_link", BASE, 10.0)
+        recorder.info()
+        recorder.look({"cup-1": CUP}, 5)
+    with EvidenceLog(tmp_path / "camera.mcap", Reader({"class": ["cup"]}, ("class",), 0.03)) as log:
+        looks = list(log)
+    assert not any(look.evidence.objects for look in looks)
+    (said,) = log.summary.lines()
+    assert "sides of at least a pixel" in said
+
+
 def test_boxes_without_depth_are_skipped_and_said(tmp_path: Path) -> None:
     path = recorded(tmp_path / "camera.mcap", depth=False)
     with (

@@ -22,6 +22,7 @@ from whereabouts.logs import (
     open_log,
 )
 from whereabouts.logs.formats.carmen_laser import beam_angles
+from whereabouts.logs.summary import Summary
 
 RANGES = [1.0 + 0.01 * i for i in range(180)]
 
@@ -192,6 +193,18 @@ def test_comments_and_blank_lines_are_no_skips(tmp_path, lines):
 def test_windows_line_ends(tmp_path, lines):
     (record,) = open_log(write(tmp_path / "a.clf", lines.flaser(RANGES).replace("\n", "\r\n")))
     assert len(record.scan) == 180
+
+
+def test_reasons_that_differ_by_their_numbers_are_one():
+    summary = Summary()
+    for topic, count in (("/scan_1", 3), ("/scan_1", 25), ("/scan_2", 3), ("/1/scan", 3), ("/2/scan", 3)):
+        summary.skip(f"{topic}: {count} of 1e-3 m, -0.{count} s", "line 1")
+    assert [line.partition(" (")[0] for line in summary.lines()] == [
+        "skipped 2 × /scan_1: 3 of 1e-3 m, -0.3 s",
+        "skipped 1 × /scan_2: 3 of 1e-3 m, -0.3 s",
+        "skipped 1 × /1/scan: 3 of 1e-3 m, -0.3 s",
+        "skipped 1 × /2/scan: 3 of 1e-3 m, -0.3 s",
+    ]
 
 
 def test_a_log_can_be_read_again_and_the_summary_starts_anew(tmp_path, lines):

@@ -18,6 +18,12 @@ def test_a_step_between_beams_that_is_none_is_refused(step: float) -> None:
     assert Scan([1.0], 0.0, step).angle_increment == pytest.approx(2.0 * np.pi)
 
 
+def test_degrees_in_place_of_radians_are_refused() -> None:
+    Scan(np.ones(721), -2.0 * np.pi, 4.0 * np.pi / 720)
+    with pytest.raises(InputError, match="go round 57 times"):
+        Scan(np.ones(360), -180.0, 1.0)
+
+
 def test_a_reading_farther_than_anything_is_none() -> None:
     scan = Scan([1.0, 0.9 * FARTHEST, 1.1 * FARTHEST, 1e30], 0.0, 0.1)
     assert scan.valid.tolist() == [True, True, False, False]

@@ -149,6 +149,24 @@ def test_a_corridor_is_filled_from_the_wheels_and_open_without() -> None:
     assert "open" in guided.reason
 
 
+@pytest.mark.parametrize("rate", [5.0, 20.0])
+def test_without_wheels_the_way_along_a_bare_corridor_is_said_to_be_unknown(rate: float) -> None:
+    rng = np.random.default_rng(16)
+    lidar = Lidar(360, 2.0 * np.pi * 359 / 360, 0.12, 3.5)
+    hall = joined([corridor(), box(0.5, 0.4, (-9.0, 1.0, 0.0)), box(0.4, 0.4, (-8.0, -1.0, 0.0))])
+    odometry, deviations = Odometry(), []
+    for k in range(int(60 * rate)):
+        x = -11.0 + 0.22 * k / rate
+        scan = lidar.scan(hall, (x, 0.2, 0.0), rng, k / rate).scan
+        odometry.register(scan, scan.stamp)
+        deviations.append(np.sqrt(np.diag(odometry.covariance)[:2]))
+        assert abs(odometry.pose[0] - (x + 11.0)) < 3.0 * deviations[-1][0] + 0.1, k
+    assert abs(odometry.pose[0] - (x + 11.0)) > 3.0, "it was lost along the corridor"
+    assert deviations[-1][0] < 20.0
+    assert deviations[-1][1] < 0.1, "across nothing was lost"
+    assert np.sqrt(odometry.increment_covariance[0, 0]) < 0.2, "a step is no longer than a sensor moves"
+
+
 def test_a_sensor_without_wheels_that_stops_where_nothing_tells_is_not_driven_on() -> None:
     rng = np.random.default_rng(12)
     lidar, odometry, x = Lidar(181, range_max=8.0), Odometry(), -11.0

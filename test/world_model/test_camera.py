@@ -141,6 +141,13 @@ def test_wrong_depth_images_are_refused(
         DepthImage.decoded(size, encoding, bytes(count), step)
 
 
+def test_a_depth_image_in_another_unit_is_refused_and_one_without_depths_is_not() -> None:
+    millimetres = np.array([[0.0, 1500.0, 700.0]], np.float32)
+    with pytest.raises(InputError, match="units of 1 m expected, the nearest depth is 700 m"):
+        DepthImage.decoded((3, 1), "32FC1", millimetres.tobytes())
+    assert np.isnan(DepthImage.decoded((3, 1), "32FC1", bytes(12)).metres).all()
+
+
 def test_a_box_is_placed_at_its_object_not_at_the_wall_behind() -> None:
     camera = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
     metres = np.full((120, 160), 4.0, np.float32)
@@ -159,7 +166,8 @@ def test_a_box_is_placed_at_its_object_not_at_the_wall_behind() -> None:
     assert (cut.width, cut.height) == (0.0, 0.0)
     for box, words in (
         (ImageBox(300.0, 60.0, 10.0, 10.0), "resized"),
-        (ImageBox(80.0, 60.0, 0.0, 10.0), "sides above 0"),
+        (ImageBox(80.0, 60.0, 0.0, 10.0), "sides of at least a pixel"),
+        (ImageBox(0.5, 0.5, 0.1, 0.2), "sides of at least a pixel"),
         (ImageBox(np.nan, 60.0, 5.0, 10.0), "finite middle"),
         (ImageBox(96.0, 56.0, 2.0, 2.0), "no depth"),
     ):

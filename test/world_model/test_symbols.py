@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
+from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig, ask
 from world_model.symbols import Symbols, default_symbols, parse_symbol
 
 DEGREE = math.pi / 180.0
@@ -149,3 +150,14 @@ def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, text: str, expected: 
     with pytest.raises(InputError, match=expected) as caught:
         Symbols.load(path)
     assert str(path) in str(caught.value)
+
+
+def test_of_two_values_that_are_as_likely_neither_is_told() -> None:
+    model = WorldModel(WorldModelConfig(classes=("cup", "bowl"), colors=("red", "blue")))
+    cup = ObjectEvidence((1.0, 0.2, 0.8), 1e-3 * np.eye(3), {"class": {"cup": 1.0}})
+    for stamp in range(4):
+        model.update(WorldEvidence([cup]), float(stamp))
+    (answer,) = model.query(class_name="cup")
+    assert answer.description.startswith("the cup (cup-1)")
+    assert not {"red", "blue"} & set(answer.object.predicates)
+    assert ask(model, "where is the cup?").sentence.startswith("cup-1 is at")

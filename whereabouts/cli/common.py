@@ -127,23 +127,29 @@ class LogReading:
 
         if not count:
             wanted = f"on topic {self.topic}" if self.topic else "in it"
-            raise NothingRecognisedError(self.source, f"there are no {what} {wanted}")
+            there = ", ".join(f"/{name}" for name in self.log.summary.records)
+            raise NothingRecognisedError(
+                self.source,
+                f"there are no {what} {wanted} that can be used{f'; it has {there}' if there else ''}",
+            )
 
 
 @contextmanager
 def reading(
     source: Path, what: str, params: Path | None = None, topic: str | None = None
 ) -> Iterator[LogReading]:
-    """Read a log with a progress bar; what there is to say of it is said at the end."""
+    """Read a log with a progress bar; what there is to say of it is said at the end, also where nothing came of it."""
     from whereabouts.logs import open_log
     from whereabouts.robot.robot_log import RobotLog
     from whereabouts.system.progress import share_bar
 
     with open_log(source) as log, share_bar(f"{what} {source.name}") as share:
         robot = None if params is None else RobotLog(log, params, topic)
-        yield LogReading(source, log, robot, topic if robot is None else robot.topic, share)
-        for line in [*log.summary.lines(), *([] if robot is None else robot.lines())]:
-            typer.echo(line, err=True)
+        try:
+            yield LogReading(source, log, robot, topic if robot is None else robot.topic, share)
+        finally:
+            for line in [*log.summary.lines(), *([] if robot is None else robot.lines())]:
+                typer.echo(line, err=True)
 
 
 def write_figures(path: Path | None, figures: Mapping[str, Any]) -> None:

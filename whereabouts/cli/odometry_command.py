@@ -48,6 +48,8 @@ def odometry(
             stamps.append(followed.stamp)
             poses.append(followed.pose)
             unsure += not followed.converged
+            if followed.reason:
+                log.log.summary.note(followed.reason, f"time {followed.stamp:.3f}")
             log.advance(len(stamps))
         log.require(len(stamps))
     if out is not None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from copy import deepcopy
 from dataclasses import asdict, dataclass, field
+
+# Of two reasons that differ by no more than their numbers the first stands for both; names of topics stay apart.
+NUMBER = re.compile(r"(?<![\w/.])-?\d[\d.]*(?:e[+-]?\d+)?(?![\w/])")
 
 
 @dataclass
@@ -19,7 +23,7 @@ class Summary:
     """Account of one pass over a log.
 
     records : number of records handed out, by topic.
-    skipped : what was not handed out, by reason.
+    skipped : what was not handed out, by reason; numbers in it are those of the first example.
     notes : what was handed out although something about it is unusual (stamps that go backwards), or what is
         to be known about the whole file (it ends in the middle of a chunk).
     """
@@ -82,5 +86,8 @@ def _sentence(reason: str, remark: Remark) -> str:
 
 
 def _add(where_to: dict[str, Remark], reason: str, where: str, count: int) -> None:
+    if reason not in where_to:
+        kind = NUMBER.sub("", reason)
+        reason = next((known for known in where_to if NUMBER.sub("", known) == kind), reason)
     remark = where_to.setdefault(reason, Remark(first=where))
     remark.count += count

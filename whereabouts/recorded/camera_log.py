@@ -71,8 +71,12 @@ class CameraLog:
             kept = self._depths.setdefault(frame, Cameras())
             kept.keep(stamp, message)
 
-    def evidence(self, message: Any, frame: str, stamp: int, last: bool) -> WorldEvidence:
-        """Of boxes in the image of a frame, at a stamp, ns. last : whether nothing more is waited for.
+    def evidence(
+        self, message: Any, frame: str, stamp: int, last: bool
+    ) -> tuple[WorldEvidence, dict[int, str]]:
+        """Of boxes in the image of a frame, at a stamp, ns, and why some could not be placed, by index.
+
+        last : whether nothing more is waited for.
 
         Raises TransformError, and InputError also where what belongs to them has not come.
         """
@@ -94,7 +98,7 @@ class CameraLog:
             message, robot, view, lambda box, others: located(box, camera, depth, turned, others)
         )
         evidence.blocked = self._lenses.repeats(frame, stamp)
-        return evidence
+        return evidence, refused
 
     def placed(self, frame: str, stamp: int) -> SeenFrame:
         """A frame on the robot in the map, by tf. Raises TransformError."""

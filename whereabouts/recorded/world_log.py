@@ -89,11 +89,11 @@ class EvidenceLog:
             yield look
         if count == 0:
             raise NothingRecognisedError(
-                self.path, f"there is no usable evidence in it{_first(self._bag.summary)}"
+                self.path, "; ".join(["there is no usable evidence in it", *self.summary.lines()])
             )
 
-    def _skip(self, raw: RawMessage, error: Exception) -> None:
-        self._bag.summary.skip(f"{raw.name}: {error}", f"time {raw.log_time / NANOSECONDS:.3f}")
+    def _skip(self, raw: RawMessage, reason: Exception | str) -> None:
+        self._bag.summary.skip(f"{raw.name}: {reason}", f"time {raw.log_time / NANOSECONDS:.3f}")
 
     def _due(self, until: int | None) -> Iterator[LoggedLook]:
         """What is said by messages for which all has come that they need; those of before `until`, ns, or all where
@@ -102,7 +102,7 @@ class EvidenceLog:
             raw, message = self._waiting[0]
             last = until is None or raw.log_time <= until
             try:
-                look = self._look(raw.type_name, message, last)
+                look = self._look(raw, message, last)
             except (InputError, TransformError) as error:
                 # Of boxes the depth image may be still to come.
                 if not last and (isinstance(error, TransformError) or raw.type_name == BOXES):
@@ -112,19 +112,21 @@ class EvidenceLog:
                 yield look
             self._waiting.popleft()
 
-    def _look(self, type_name: str, message: Any, last: bool) -> LoggedLook:
+    def _look(self, raw: RawMessage, message: Any, last: bool) -> LoggedLook:
         header = message.header
         frame, stamp = strip_slash(str(header.frame_id)), nanoseconds(header.stamp)
         missing: list[str] = []
-        if type_name == BOXES:
-            evidence = self.camera.evidence(message, frame, stamp, last)
+        if raw.type_name == BOXES:
+            evidence, refused = self.camera.evidence(message, frame, stamp, last)
+            for reason in refused.values():
+                self._skip(raw, reason)
             return LoggedLook(stamp / NANOSECONDS, self.frame, evidence, ())
         if not frame:
             raise InputError("header.frame_id is empty")
         seen = self._place_of(frame, stamp, last)
-        if type_name == EVIDENCE:
+        if raw.type_name == EVIDENCE:
             evidence, missing = self._reader.evidence(message, seen)
-        elif type_name == DETECTIONS:
+        elif raw.type_name == DETECTIONS:
             evidence = self._reader.detections(message, seen)
         else:
             evidence, _ = self._reader.targets(message, seen, {})
@@ -158,8 +160,3 @@ class EvidenceLog:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _first(summary: Summary) -> str:
-    first = next(iter(summary.lines()), "")
-    return f"; {first}" if first else ""

@@ -56,14 +56,18 @@ def _look(survey: Survey, message: RawMessage) -> None:
         look_at_message(survey, seen, message.decoded(), message.log_time / 1e9)
     except UnreadableTypeError:
         return
-    except UnusableMessageError as error:
-        trouble = f"{topic.name}: {error}"
-        if trouble not in survey.troubles:
-            survey.troubles.append(trouble)
 
 
 def look_at_message(survey: Survey, seen: SeenTopic, message: Any, received: float) -> None:
     """One message of a topic, from a bag or live. received : when, s."""
+    try:
+        _understand(survey, seen, message, received)
+    except UnusableMessageError as error:
+        seen.refused[str(error)] += 1
+        seen.empty += seen.kind == SCAN
+
+
+def _understand(survey: Survey, seen: Seen, message: Any, received: float) -> None:
     if seen.kind == TF:
         for record in RECORDS[TF](message, seen.name):
             assert isinstance(record, TransformRecord)

@@ -12,9 +12,11 @@ import numpy as np
 from registration.laser.mounting import level_pose
 from whereabouts.robot.choice import Choice
 from whereabouts.robot.survey import CAMERAS, CLOUD, IMU, ODOMETRY, SCAN, TF, UNTAKEN, Survey, names
+from whereabouts.system.counting import counted
 
 # s between the clocks of two sources: a transform is then looked up at a wrong time, or is not there at all.
 APART, FAR_APART = 0.5, 5.0
+FAR = 500.0  # m, farther than any planar scanner sees
 Level = Literal["error", "warning", "note"]
 USED = (SCAN, CLOUD, ODOMETRY, TF)
 
@@ -37,7 +39,18 @@ note = partial(Finding, "note")
 
 def findings(survey: Survey, choice: Choice) -> list[Finding]:
     """All there is to say, the gravest first."""
-    parts = (_sensors, _namespaces, _tree, _mounting, _publishers, _clocks, _qos, _odometry, _others)
+    parts = (
+        _sensors,
+        _refused,
+        _namespaces,
+        _tree,
+        _mounting,
+        _publishers,
+        _clocks,
+        _qos,
+        _odometry,
+        _others,
+    )
     said = [finding for part in parts for finding in part(survey, choice)]
     return sorted(said, key=lambda finding: ("error", "warning", "note").index(finding.level))
 
@@ -59,9 +72,14 @@ def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
             )
         elif item.unstamped:
             yield error(f"{item.name}: its stamps are all 0: the driver has to set header.stamp")
-        elif item.blind:
+        elif item.blind and not item.refused:
             yield warning(
-                f"{item.name}: none of {item.count} scans has a reading between range_min and range_max"
+                f"{item.name}: none of {item.count} scans has a reading between range_min and range_max, which are in "
+                "metres"
+            )
+        elif item.range_max and FAR < item.range_max < np.inf:
+            yield warning(
+                f"{item.name}: its range_max is {item.range_max:g} m: are its ranges in millimetres?"
             )
         elif not item.frame:
             yield error(f"{item.name}: its frame_id is empty: set it in the driver")
@@ -70,7 +88,8 @@ def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
     item = survey.topics[followed]
     reach = f", up to {item.range_max:g} m" if item.range_max else ""
     rate = f" at {item.rate:.1f} Hz" if item.rate else ""
-    yield note(f"following {followed}{rate}{reach}")
+    joined = f", joined with {', '.join(choice.scans[1:])}" if choice.scans[1:] else ""
+    yield note(f"following {followed}{rate}{reach}{joined}")
     beside = [other for other in scans if other.name not in choice.scans]
     taken = {survey.topics[name].frame for name in choice.scans}
     same = [other for other in beside if other.frame in taken]
@@ -81,6 +100,13 @@ def _sensors(survey: Survey, choice: Choice) -> Iterator[Finding]:
         yield note(f"not used: {names(apart)} (tf does not say how they are mounted, or no message came)")
     if scans and clouds:
         yield note(f"not used: {names(clouds)}: scans are followed; see cloud_topics")
+
+
+def _refused(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    for item in survey.topics.values():
+        for reason, count in item.refused.items():
+            level: Level = "error" if item.refused.total() >= item.count else "warning"
+            yield Finding(level, f"{item.name}: {reason} ({counted(count, 'message')} refused)")
 
 
 def _namespaces(survey: Survey, choice: Choice) -> Iterator[Finding]:
@@ -229,4 +255,4 @@ def _others(survey: Survey, choice: Choice) -> Iterator[Finding]:
     for line in survey.troubles:
         yield warning(line)
     for line in survey.left_out:
-        yield note(line)
+        yield note(line.removeprefix("note: "))

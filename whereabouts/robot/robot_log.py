@@ -60,7 +60,8 @@ class RobotLog:
         if isinstance(record, ScanRecord) and not record.scan.valid.any():
             self.empty += 1
         if mounting is None:
-            self.unmounted += 1
+            # A log without tf may say it itself, as CARMEN's do.
+            self.unmounted += isinstance(record, CloudRecord) or record.sensor_pose is None
             return record
         if isinstance(record, CloudRecord):
             return replace(record, points=transform_points(mounting, record.points))

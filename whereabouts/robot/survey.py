@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -36,7 +37,8 @@ class SeenTopic:
     kind : type, such as "sensor_msgs/msg/LaserScan". publishers : names of nodes; empty where nobody can tell, as in a
     bag. qos : what they offer. count, frame, stamps : messages looked at, the frame of the last, and first and last
     stamp, s. lags : recorded or received time less stamp, s. range_max : of scans, m. empty : scans without a reading
-    within their range. child : child_frame_id of odometry.
+    within their range, or refused. refused : messages that make no sense, by reason. child : child_frame_id of
+    odometry.
     """
 
     name: str
@@ -50,6 +52,7 @@ class SeenTopic:
     lags: list[float] = field(default_factory=list)
     range_max: float | None = None
     empty: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
 
     def note(self, stamp: float, frame: str, received: float) -> None:
         """One more message."""

@@ -107,9 +107,9 @@ def located_by_scan(box: ImageBox, camera: CameraModel, pose: FloatArray, scan: 
 
 
 def _check(box: ImageBox, camera: CameraModel) -> None:
-    if not (np.isfinite([box.x, box.y]).all() and 0.0 < box.width < np.inf and 0.0 < box.height < np.inf):
+    if not (np.isfinite([box.x, box.y]).all() and 1.0 <= box.width < np.inf and 1.0 <= box.height < np.inf):
         raise InputError(
-            f"bbox: a finite middle and sides above 0 expected, got {box.x:g}, {box.y:g}, "
+            f"bbox: a finite middle and sides of at least a pixel expected, got {box.x:g}, {box.y:g}, "
             f"{box.width:g} x {box.height:g}"
         )
     x, y = box.x / camera.width, box.y / camera.height

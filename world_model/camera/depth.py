@@ -15,6 +15,7 @@ ENCODINGS = {"16UC1": (np.uint16, 1e-3), "mono16": (np.uint16, 1e-3), "32FC1": (
 FLOOR_NOISE, NOISE = 0.005, 0.003
 """Standard deviation of a depth: m, and m per m² (stereo and structured light alike lose with the square)."""
 BINS = 720  # of bearings
+FARTHEST = 100.0  # m: a picture of which nothing is nearer is in another unit
 FURNITURE = 0.5  # m: what stands on furniture is that far behind the edge that a level scanner meets
 
 
@@ -57,6 +58,11 @@ class DepthImage:
         metres = packed.astype(np.float32) * np.float32(unit)
         with np.errstate(invalid="ignore"):
             metres[~((metres > 0.0) & np.isfinite(metres))] = np.nan
+        nearest = float(np.fmin.reduce(metres, axis=None))
+        if nearest > FARTHEST:
+            raise InputError(
+                f"data: {encoding} in units of {unit:g} m expected, the nearest depth is {nearest:g} m"
+            )
         return cls(metres)
 
     @property

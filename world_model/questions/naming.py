@@ -94,7 +94,7 @@ def described(world: Recall, object_id: str) -> str:
 def _likely(item: WorldObject | None, attribute: str) -> str:
     """The value of an attribute that is likelier than all others together, "" where none is."""
     best = item.most_probable(attribute) if item is not None else ""
-    return best if item is not None and best and item.attributes[attribute][best] >= 0.5 else ""
+    return best if item is not None and best and item.attributes[attribute][best] > 0.5 else ""
 
 
 def name_of_person(item: WorldObject | None) -> str:

@@ -9,7 +9,6 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from whereabouts.logs import Qos
-from whereabouts.messages.decode import UnusableMessageError
 from whereabouts.nodes.live.listener import listen
 from whereabouts.nodes.runtime.dead_ends import full_name
 from whereabouts.robot.bags import look_at_message
@@ -25,7 +24,6 @@ NAMES = {
 def survey_graph(seconds: float) -> Survey:
     """Listen to everything of use for a while."""
     survey = Survey("the running robot", live=True, seconds=seconds)
-    unusable: dict[str, str] = {}
     suite: dict[str, Any] = {}
 
     def take(type_name: str, topic: str, message: Any, arrival: int) -> None:
@@ -33,10 +31,7 @@ def survey_graph(seconds: float) -> Survey:
             suite.update({item.name: item for item in message.status if item.hardware_id == "whereabouts"})
             return
         seen = survey.topics.setdefault(topic, SeenTopic(topic, type_name))
-        try:
-            look_at_message(survey, seen, message, 1e-9 * arrival)
-        except UnusableMessageError as error:
-            unusable[topic] = str(error)
+        look_at_message(survey, seen, message, 1e-9 * arrival)
 
     def look(node: Node, _: list[str]) -> None:
         """Who publishes what."""
@@ -48,12 +43,12 @@ def survey_graph(seconds: float) -> Survey:
                 seen.qos = tuple(_offer(info.qos_profile) for info in infos)
 
     listen("whereabouts_doctor", HEARD, take, seconds=seconds, on_look=look)
-    survey.troubles += _troubles(suite, unusable)
+    survey.troubles += _troubles(suite)
     return survey
 
 
-def _troubles(suite: dict[str, Any], unusable: dict[str, str]) -> list[str]:
-    """What running nodes of the suite complain about, and what of others' messages makes no sense."""
+def _troubles(suite: dict[str, Any]) -> list[str]:
+    """What running nodes of the suite complain about."""
     troubles = []
     if suite:
         names = ", ".join(f"/{name}" for name in sorted(suite))
@@ -61,7 +56,6 @@ def _troubles(suite: dict[str, Any], unusable: dict[str, str]) -> list[str]:
             f"nodes of the suite are running: {names}. Their transforms are taken for the robot's own: "
             "stop them before `whereabouts setup`"
         )
-    troubles += [f"{name}: {said}" for name, said in sorted(unusable.items())]
     for name, said in sorted(suite.items()):
         drops = [f"{item.key}: {item.value}" for item in said.values if " dropped, " in item.key]
         if said.level != DiagnosticStatus.OK or drops:
