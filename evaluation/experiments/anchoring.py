@@ -164,7 +164,7 @@ VIDEO = 113
 
 def _ants(options: RunOptions, report: Report) -> None:
     """Section 2.6.3, in runs as long as the text's videos and in longer ones."""
-    count, looks = options.share(15, 5), 300 if options.quick else 600
+    count, looks = options.share(40, 20), 300 if options.quick else 600
     made = [AntScene(seed=seed) for seed in options.draws(3, count)]
     found = {
         VIDEO: [ants(scene, VIDEO) for scene in track(made, "ants, as long as the videos")],
