@@ -71,10 +71,8 @@ class CameraLog:
             kept = self._depths.setdefault(frame, Cameras())
             kept.keep(stamp, message)
 
-    def evidence(
-        self, message: Any, frame: str, stamp: int, last: bool
-    ) -> tuple[WorldEvidence, dict[int, str]]:
-        """Of boxes in the image of a frame, at a stamp, ns, and why some could not be placed, by index.
+    def evidence(self, message: Any, frame: str, stamp: int, last: bool) -> tuple[WorldEvidence, list[str]]:
+        """Of boxes in the image of a frame, at a stamp, ns, and why some could not be placed.
 
         last : whether nothing more is waited for.
 
@@ -94,7 +92,7 @@ class CameraLog:
         view = CameraView(
             camera, pose, depth, None, robot.pose_covariance, robot.origin, self.rates, turned=turned
         )
-        evidence, _ = self._reader.boxes(
+        evidence, refused = self._reader.boxes(
             message, robot, view, lambda box, others: located(box, camera, depth, turned, others)
         )
         evidence.blocked = self._lenses.repeats(frame, stamp)

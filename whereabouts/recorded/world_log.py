@@ -118,7 +118,7 @@ class EvidenceLog:
         missing: list[str] = []
         if raw.type_name == BOXES:
             evidence, refused = self.camera.evidence(message, frame, stamp, last)
-            for reason in refused.values():
+            for reason in refused:
                 self._skip(raw, reason)
             return LoggedLook(stamp / NANOSECONDS, self.frame, evidence, ())
         if not frame:

@@ -67,7 +67,7 @@ def look_at_message(survey: Survey, seen: SeenTopic, message: Any, received: flo
         seen.empty += seen.kind == SCAN
 
 
-def _understand(survey: Survey, seen: Seen, message: Any, received: float) -> None:
+def _understand(survey: Survey, seen: SeenTopic, message: Any, received: float) -> None:
     if seen.kind == TF:
         for record in RECORDS[TF](message, seen.name):
             assert isinstance(record, TransformRecord)
