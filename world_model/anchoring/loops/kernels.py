@@ -16,7 +16,9 @@ from world_model.anchoring.loops.walking import flow, walk
 
 CARRY_SECONDS = 2.0  # an object in somebody's hand is put down after this long, on average
 VANISH_SECONDS = 5.0  # and is taken out of sight after this long
-UNMODELLED = 0.02  # that a settled object is where it was, though not seen there, for reasons nobody knows
+UNMODELLED = (
+    0.02  # that a settled object is where it was, although it was not seen there: for unknown reasons
+)
 HAND = 0.1  # m: put down this near, what was taken may as well have stayed
 NEARBY = 0.5  # m: and what was followed is known this well where it was put down
 SETTLED_HITS = 3
@@ -57,11 +59,12 @@ def class_of(attributes, classes):  # type: ignore[no-untyped-def]
 def start_moving(leaves, i, speed, dt):  # type: ignore[no-untyped-def]
     """The moving filter of a leaf from where it rests: it began to move within dt at about `speed`."""
     P = leaves.moving_cov[i]
-    P[:] = 0.0
-    P[:3, :3] = leaves.rest_cov[i]
-    leaves.moving[i, :3] = leaves.rest[i]
-    leaves.moving[i, 3:] = 0.0
+    P[:, :] = 0.0
     for a in range(3):
+        leaves.moving[i, a] = leaves.rest[i, a]
+        leaves.moving[i, a + 3] = 0.0
+        for b in range(3):
+            P[a, b] = leaves.rest_cov[i, a, b]
         P[a, a] += (speed * dt) ** 2
         P[a, a + 3] = speed * speed * dt
         P[a + 3, a] = P[a, a + 3]
@@ -86,7 +89,8 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
         if pi[REST] > 0.0:
             if pi[REST] >= pi[MOVING]:
                 start_moving(leaves, i, speed, 0.0)
-                leaves.moving[i, 3:] = leaves.led[i]
+                for a in range(3):
+                    leaves.moving[i, a + 3] = leaves.led[i, a]
             pi[MOVING] += pi[REST]
             pi[REST] = 0.0
         walk(leaves, i, dt, q, motion[row, 5])
@@ -113,8 +117,9 @@ def predict(leaves, i, stamp, motion, removed):  # type: ignore[no-untyped-def]
         pi[MOVING] += held - settled - vanished
         pi[AWAY] += begun - held + vanished + settled - here
     leaves.led[i] = 0.0
-    pi[NONE] += gone * pi[:NONE].sum()
-    pi[:NONE] *= 1.0 - gone
+    for m in range(3):
+        pi[NONE] += gone * pi[m]
+        pi[m] -= gone * pi[m]
 
 
 @numba.njit(cache=True)
@@ -130,12 +135,19 @@ def put_down(rest, P, moving, Q, likely, stayed, settled):  # type: ignore[no-un
     if total <= 0.0 or settled <= 1e-9 * total:
         return True
     share = settled / total
-    gap = moving[:3] - rest
-    around = np.trace(Q[:3, :3]) / 3.0 + (gap @ gap if likely else 0.0)
+    around = 0.0
+    for a in range(3):
+        around += Q[a, a] / 3.0
+        if likely:
+            around += (moving[a] - rest[a]) ** 2
     if around > (HAND if likely else NEARBY) ** 2:
         return False
-    P[:] = (1.0 - share) * P + share * Q[:3, :3] + share * (1.0 - share) * np.outer(gap, gap)
-    rest += share * gap
+    for a in range(3):
+        for b in range(3):
+            gap = (moving[a] - rest[a]) * (moving[b] - rest[b])
+            P[a, b] = (1.0 - share) * P[a, b] + share * Q[a, b] + share * (1.0 - share) * gap
+    for a in range(3):
+        rest[a] += share * (moving[a] - rest[a])
     return True
 
 
@@ -168,9 +180,11 @@ def log_gauss(dx, dy, dz, S, inverse):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def innovation(P, R, lag, S):  # type: ignore[no-untyped-def]
     """Covariance of a measured position `lag` seconds ago; P is (3, 3) or (6, 6)."""
-    S[:] = P[:3, :3] + R
-    if lag != 0.0 and P.shape[0] == 6:
-        S += lag * lag * P[3:, 3:] - lag * (P[:3, 3:] + P[3:, :3])
+    for a in range(3):
+        for b in range(3):
+            S[a, b] = P[a, b] + R[a, b]
+            if P.shape[0] == 6:
+                S[a, b] += lag * lag * P[a + 3, b + 3] - lag * (P[a, b + 3] + P[a + 3, b])
 
 
 @numba.njit(cache=True)
@@ -187,7 +201,9 @@ def inflate_rest(P, R):  # type: ignore[no-untyped-def]
 def widen(x, P, since, S):  # type: ignore[no-untyped-def]
     """Add to a covariance (3, 3) where a mover may be that turned since it was last seen, `since` seconds ago."""
     unseen = 2.0 * min(max(since, 0.0), UNSEEN)
-    square = (x[3:] ** 2).sum()
+    square = 0.0
+    for a in range(3):
+        square += x[a + 3] ** 2
     for a in range(3):
         # What does not move in a direction does not turn there.
         if P[a + 3, a + 3] + x[a + 3] ** 2 > 1e-3 * square:
@@ -234,8 +250,21 @@ def attribute_factor(attributes, likelihood, blocks):  # type: ignore[no-untyped
 @numba.njit(cache=True)
 def copy_leaf(leaves, source, target):  # type: ignore[no-untyped-def]
     for array in literal_unroll(leaves):
-        array[target] = array[source]
+        _copy_row(array, source, target)
     leaves.said[target] = -1
+
+
+@numba.njit(cache=True)
+def _copy_row(array, source, target):  # type: ignore[no-untyped-def]
+    if array.ndim == 1:
+        array[target] = array[source]
+    elif array.ndim == 2:
+        for a in range(array.shape[1]):
+            array[target, a] = array[source, a]
+    else:
+        for a in range(array.shape[1]):
+            for b in range(array.shape[2]):
+                array[target, a, b] = array[source, a, b]
 
 
 @numba.njit(cache=True)
@@ -257,7 +286,7 @@ def learn_attributes(attributes, likelihood, blocks):  # type: ignore[no-untyped
 @numba.njit(cache=True)
 def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no-untyped-def]
     """Correct a leaf (already predicted) with its detection, in place."""
-    out, S, inverse = np.empty(2), np.empty((3, 3)), np.empty((3, 3))
+    out, S, inverse, off = np.empty(2), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     inflate_rest(leaves.rest_cov[i], R)
     log_likelihoods(leaves, i, z, R, lag, out, S, inverse)
     pi = leaves.behavior[i]
@@ -267,19 +296,22 @@ def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no
     if not a + b > 0.0:
         a, b = pi[REST], pi[MOVING]
     if pi[REST] > 0.0:
-        off = z + lag * leaves.led[i] - leaves.rest[i]
+        for k in range(3):
+            off[k] = z[k] + lag * leaves.led[i, k] - leaves.rest[i, k]
         _correct_rest(leaves.rest[i], leaves.rest_cov[i], off, R, S, inverse)
     if pi[MOVING] > 0.0:
         moves = pi[MOVING] > pi[REST] and leaves.hits[i] >= SETTLED_HITS and lag <= 0.0
         if moves and leaves.together[i] == 0 and leaves.strain[i] >= 0.0:
             innovation(leaves.moving_cov[i], R, lag, S)
             inverse_3x3(S, inverse)
-            off = z - leaves.moving[i, :3]
+            for k in range(3):
+                off[k] = z[k] - leaves.moving[i, k]
             leaves.strain[i] += LATE * (off @ inverse @ off - leaves.strain[i])
             if leaves.strain[i] > STRAINED:
                 turned(leaves.moving[i], leaves.moving_cov[i], leaves.stamp[i] - leaves.last[i])
                 leaves.strain[i] = 0.0
-        off = z - leaves.moving[i, :3] + lag * leaves.moving[i, 3:]
+        for k in range(3):
+            off[k] = z[k] - leaves.moving[i, k] + lag * leaves.moving[i, k + 3]
         _correct_moving(leaves.moving[i], leaves.moving_cov[i], off, R, lag, S, inverse)
     pi[REST], pi[MOVING], pi[AWAY], pi[NONE] = a / (a + b), b / (a + b), 0.0, 0.0
     leaves.visible[i] = 1.0
@@ -305,7 +337,10 @@ def _correct_moving(x, P, off, R, lag, S, inverse):  # type: ignore[no-untyped-d
     it was; H = [I, -lag I]."""
     innovation(P, R, lag, S)
     inverse_3x3(S, inverse)
-    PH = P[:, :3] - lag * P[:, 3:]
+    PH = np.empty((6, 3))
+    for a in range(6):
+        for b in range(3):
+            PH[a, b] = P[a, b] - lag * P[a, b + 3]
     gain = PH @ inverse
     step(x, P, gain @ off, gain @ PH.T)
 
@@ -313,11 +348,11 @@ def _correct_moving(x, P, off, R, lag, S, inverse):  # type: ignore[no-untyped-d
 @numba.njit(cache=True)
 def step(x, P, moved, known):  # type: ignore[no-untyped-def]
     """A mean moves on, and its covariance shrinks by what is known now, in place."""
-    x += moved
-    P -= known
     for a in range(x.size):
-        for b in range(a):
-            P[a, b] = P[b, a] = 0.5 * (P[a, b] + P[b, a])
+        x[a] += moved[a]
+        for b in range(x.size):
+            P[a, b] -= known[a, b]
+    symmetric(P)
 
 
 @numba.njit(cache=True)
@@ -335,6 +370,14 @@ def turned(x, P, since):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def symmetric(P):  # type: ignore[no-untyped-def]
+    for a in range(P.shape[0]):
+        for b in range(a):
+            P[a, b] = 0.5 * (P[a, b] + P[b, a])
+            P[b, a] = P[a, b]
+
+
+@numba.njit(cache=True)
 def miss(leaves, i, detectable, clear):  # type: ignore[no-untyped-def]
     """Correct a leaf with not being detected, in place; `detectable` is the probability that it would have been.
 
@@ -348,7 +391,9 @@ def miss(leaves, i, detectable, clear):  # type: ignore[no-untyped-def]
     pi[MOVING] *= 1.0 - detectable
     if leaves.hits[i] >= SETTLED_HITS:
         pi[REST] = max(pi[REST], min(UNMODELLED, before))
-    pi /= pi.sum()
+    total = pi[REST] + pi[MOVING] + pi[AWAY] + pi[NONE]
+    for m in range(4):
+        pi[m] /= total
     leaves.visible[i] = max(leaves.visible[i] - detectable, 0.0) / max(1.0 - detectable, 1e-12)
     leaves.missed[i] += clear
 
@@ -358,10 +403,13 @@ def create(leaves, i, track, j, seen, classes):  # type: ignore[no-untyped-def]
     """A leaf for an object first seen now, with detection j of `look.Detections`."""
     motion, stamp, existence = classes.motion, seen.stamp - seen.lag, seen.existence[j]
     leaves.track[i] = track
-    leaves.rest[i] = seen.positions[j]
-    leaves.rest_cov[i] = seen.covariances[j]
+    for a in range(3):
+        leaves.rest[i, a] = seen.positions[j, a]
+        for b in range(3):
+            leaves.rest_cov[i, a, b] = seen.covariances[j, a, b]
     leaves.led[i] = 0.0
-    leaves.attributes[i] = classes.prior
+    for c in range(classes.prior.size):
+        leaves.attributes[i, c] = classes.prior[c]
     learn_attributes(leaves.attributes[i], seen.likelihood[j], classes.blocks)
     row = class_of(leaves.attributes[i], motion.shape[0] - 1)
     start_moving(leaves, i, motion[row, 3], 0.0)
@@ -371,7 +419,9 @@ def create(leaves, i, track, j, seen, classes):  # type: ignore[no-untyped-def]
     leaves.variances[i] = -1.0
     leaves.said[i] = seen.indices[j]
     leaves.visible[i] = 1.0
-    leaves.stamp[i] = leaves.last[i] = leaves.first[i] = stamp
+    leaves.stamp[i] = stamp
+    leaves.last[i] = stamp
+    leaves.first[i] = stamp
     leaves.hits[i] = 1
     leaves.together[i] = 0
     leaves.strain[i] = 0.0

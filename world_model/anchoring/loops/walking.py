@@ -9,10 +9,17 @@ import numpy as np
 @numba.njit(cache=True)
 def flow(x, P, dt, q):  # type: ignore[no-untyped-def]
     """Constant velocity over dt with white acceleration of density q, in place."""
-    x[:3] += dt * x[3:]
-    P[:3, :3] += dt * (P[3:, :3] + P[:3, 3:]) + dt * dt * P[3:, 3:]
-    P[:3, 3:] += dt * P[3:, 3:]
-    P[3:, :3] = P[:3, 3:].T
+    for a in range(3):
+        x[a] += dt * x[a + 3]
+    for a in range(3):
+        for b in range(3):
+            P[a, b] += dt * (P[a + 3, b] + P[a, b + 3]) + dt * dt * P[a + 3, b + 3]
+    for a in range(3):
+        for b in range(3):
+            P[a, b + 3] += dt * P[a + 3, b + 3]
+    for a in range(3):
+        for b in range(3):
+            P[b + 3, a] = P[a, b + 3]
     for a in range(3):
         P[a, a] += q * dt**3 / 3.0
         P[a, a + 3] += 0.5 * q * dt**2
@@ -40,17 +47,27 @@ def walk(leaves, i, dt, q, turning):  # type: ignore[no-untyped-def]
     both = 0.5 * along * along
     if fade * dt < 1e-2:
         place, both = dt**3 / 3.0, 0.5 * dt**2
-    v = x[3:5].copy()
-    noise = q * np.eye(3)
-    square = P[3, 3] + P[4, 4] + v @ v
-    noise[:2, :2] += turning**2 * (square * np.eye(2) - P[3:5, 3:5] - np.outer(v, v))
+    noise = np.zeros((3, 3))
+    square = P[3, 3] + P[4, 4] + x[3] ** 2 + x[4] ** 2
+    for a in range(3):
+        noise[a, a] = q
+    for a in range(2):
+        noise[a, a] += turning**2 * square
+        for b in range(2):
+            noise[a, b] -= turning**2 * (P[a + 3, b + 3] + x[a + 3] * x[b + 3])
     F = np.eye(6)
     for a in range(3):
         F[a, a + 3] = along if a < 2 else dt
         F[a + 3, a + 3] = slower if a < 2 else 1.0
-    x[:] = F @ x
-    P[:] = F @ P @ F.T
-    P[:3, :3] += noise * place
-    P[:3, 3:] += noise * both
-    P[3:, :3] += noise * both
-    P[3:, 3:] += noise * twice
+    ahead, spread = F @ x, F @ P @ F.T
+    for a in range(6):
+        x[a] = ahead[a]
+        for b in range(6):
+            P[a, b] = spread[a, b]
+    for a in range(3):
+        for b in range(3):
+            n = noise[a, b]
+            P[a, b] += n * place
+            P[a, b + 3] += n * both
+            P[b + 3, a] += n * both
+            P[a + 3, b + 3] += n * twice
