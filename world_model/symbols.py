@@ -100,7 +100,7 @@ class Symbols:
         quantities: Mapping[str, Gaussian] | None = None,
         min_probability: float = 0.5,
     ) -> dict[str, float]:
-        """Symbols that probably hold of an object, with their probabilities, the most probable first.
+        """Symbols that hold of an object with more than `min_probability`, and how probably, the most probable first.
 
         Class names and what follows only from ignorance are left out.
         """
