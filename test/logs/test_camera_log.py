@@ -157,7 +157,8 @@ def test_boxes_that_have_no_place_are_counted(tmp_path: Path) -> None:
 
     def as_shares(one: Framed) -> Any:
         item = found(one)
-        item.bbox.size_x, item.bbox.size_y = item.bbox.size_x / 160.0, item.bbox.size_y / 120.0
+        box = item["bbox"]
+        box["size_x"], box["size_y"] = box["size_x"] / 160.0, box["size_y"] / 120.0
         return item
 
     recorder._framed = as_shares  # type: ignore[method-assign]
