@@ -78,6 +78,9 @@ class Graph:
     ) -> NodeSpec:
         """Start a node, as its `kind` says, and wait until it is active."""
         defaults = {"input_reliability": "reliable", "report_processed": True, "diagnostics_period": 0.2}
+        # The stamps of further messages say when a transform is given up, and tests send these faster than the
+        # middleware sends a lost one again.
+        defaults["transform_timeout"] = 10.0
         spec = kind(executable, namespace or self.namespace, {**defaults, **parameters})
         self._connections.pop(spec.full_name, None)
         self._started[spec.full_name] = time.time_ns()

@@ -172,7 +172,7 @@ def test_detections_in_space_need_no_field_of_view_of_their_own(graph: Graph) ->
 
 
 def test_what_makes_no_sense_is_said_and_counted_and_the_node_goes_on(graph: Graph) -> None:
-    robot = CameraRobot(graph)
+    robot = CameraRobot(graph, transform_timeout=0.5)
 
     def refused(topic: str, count: int) -> None:
         key = f"/{topic} dropped, refused"

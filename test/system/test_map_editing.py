@@ -25,8 +25,7 @@ def test_a_map_is_paused_corrected_and_asked_for(graph: Graph) -> None:
     robot.world, robot.lidar = room(), Lidar(181)
     robot.drive = Drive([*(8 * corners), corners[0]], speed=1.0, turn_rate=1.5)
     graph.start("scan_registration")
-    # The stamps of further scans say when a transform is given up, and they come faster than a lost one is sent again.
-    spec = graph.start("loop_closure", map_period=0.05, loop_path=5.0, transform_timeout=10.0)
+    spec = graph.start("loop_closure", map_period=0.05, loop_path=5.0)
     paths = graph.collect(PathMessage, "trajectory", LATCHED)
     maps = graph.collect(OccupancyGrid, "map", LATCHED)
     closures: list[LoopClosure] = graph.collect(LoopClosure, "loop_closures")

@@ -130,7 +130,7 @@ def test_missing_transform_is_named_and_later_scans_are_used(graph: Graph) -> No
 
 def test_scan_waits_for_its_transform(graph: Graph) -> None:
     robot = Robot(graph)
-    graph.start(NODE, transform_timeout=10.0)
+    graph.start(NODE)
     robot.send(scan_message(robot.scan(0.0)))
     robot.send(scan_message(robot.scan(0.1)))
     assert not robot.odometry

@@ -80,7 +80,7 @@ def test_people_are_tracked_through_both_nodes(graph: Graph) -> None:
     scene = TrackedScene(graph)
     markers = graph.collect(MarkerArray, "target_tracker/markers")
     graph.start("scan_registration")
-    graph.start("target_tracker", transform_timeout=10.0)
+    graph.start("target_tracker")
     graph.mount()
     first = LIDAR.scan(joined([scene.world, outlines(scene.people, 0.0)]), scene.drive(0.0), scene.rng).scan
     graph.introduce(scan_message(first), lambda: scene.targets, "scan_registration", "target_tracker")
