@@ -36,7 +36,8 @@ def stamped(stamp: float, frame: str) -> dict[str, Any]:
 class CameraRecorder:
     """Writes the messages of a camera, a detector and tf, with a look four times a second."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, world: str = "map") -> None:
+        self.world = world
         self.messages = SuiteMessages(BOXES, DETECTIONS)
         self.make = self.messages.make
         self.writer = McapWriter(path)
@@ -77,7 +78,7 @@ class CameraRecorder:
             message = self.make(BOXES, header=stamped(self.now, "eye"), detections=boxes)
             # What belongs to the boxes comes after them.
             self.write("/found", BOXES, message, self.now + 0.01)
-            self.transform("/tf", "map", "base_link", BASE, self.now + 0.02)
+            self.transform("/tf", self.world, "base_link", BASE, self.now + 0.02)
             if depth:
                 self.write("/depth", IMAGE, self._image(scene.depth(self.rng)), self.now + 0.05)
 
@@ -240,3 +241,22 @@ def test_without_a_map_in_tf_detections_are_in_their_own_frame(tmp_path: Path) -
         looks = list(log)
     assert len(looks) == 8
     assert {look.frame for look in looks} == {"eye"}
+
+
+def test_without_a_map_in_tf_things_are_where_all_frames_stand(tmp_path: Path) -> None:
+    recorder = CameraRecorder(tmp_path / "driven.mcap", "odom")
+    with recorder.writer:
+        recorder.info()
+        recorder.transform("/tf_static", "base_link", "eye", MOUNT, 10.0)
+        recorder.transform("/tf", "odom", "base_link", BASE, 10.0)
+        recorder.look({"cup": CUP}, 20)
+        recorder.transform("/tf", "odom", "base_link", BASE, recorder.now + 1.0)
+    with EvidenceLog(tmp_path / "driven.mcap", Reader({"class": ["cup"]}, ("class",), 0.03)) as log:
+        looks = list(log)
+    assert {look.frame for look in looks} == {"odom"}
+    assert len(looks) == 20
+    places = [item.position for look in looks for item in look.evidence.objects]
+    assert len(places) > 10
+    assert np.linalg.norm(places - CUP[1], axis=1).max() < 0.1
+    (said,) = log.summary.lines()
+    assert "its tf has no 'map': things are placed in 'odom', and drift with it" in said

@@ -25,8 +25,8 @@ Source = Annotated[
     Path,
     argument(
         "IN",
-        "Bag with evidence, detections in space or targets, in the map's frame or with tf to it (without a map in "
-        "tf all in one frame), or with boxes, camera_info, depth and tf; or a store.",
+        "Bag with evidence, detections in space or targets, in the map's frame or with tf to it (or to odom), or "
+        "with boxes, camera_info, depth and tf; or a store.",
     ),
 ]
 Out = Annotated[Path | None, file_to_write("--out", "states.jsonl", "Write the world after every message.")]

@@ -42,13 +42,14 @@ class CameraSettings:
 class CameraLog:
     """Takes what a bag tells of cameras and frames, in the order of recording; gives evidence of boxes by it.
 
-    rates : how good the detector is, learned over the bag.
+    rates : how good the detector is, learned over the bag. map_frame : in which things are placed.
     """
 
     def __init__(self, reader: Reader, settings: CameraSettings) -> None:
         self.transforms = FrameTree()
         self.rates = SightRates()
         self._reader, self._settings = reader, settings
+        self.map_frame = settings.map_frame
         self._lenses = Cameras(rectified=settings.camera_rectified)
         self._depths: dict[str, Cameras] = {}
 
@@ -78,7 +79,6 @@ class CameraLog:
 
         Raises TransformError, and InputError also where what belongs to them has not come.
         """
-        settings = self._settings
         found = self._lenses.lens_for(frame, of_image=True)
         assert found is not None
         robot = self.placed(frame, stamp)
@@ -87,7 +87,7 @@ class CameraLog:
         turned = None
         if at != stamp:
             with suppress(*[TransformError] * last):
-                then = self.transforms.lookup(settings.map_frame, frame, at)
+                then = self.transforms.lookup(self.map_frame, frame, at)
                 turned = np.asarray(np.linalg.solve(then, pose))
         view = CameraView(
             camera, pose, depth, None, robot.pose_covariance, robot.origin, self.rates, turned=turned
@@ -100,9 +100,8 @@ class CameraLog:
 
     def placed(self, frame: str, stamp: int) -> SeenFrame:
         """A frame on the robot in the map, by tf. Raises TransformError."""
-        settings = self._settings
-        frames = settings.map_frame, settings.base_frame
-        return SeenFrame.placed(self.transforms, frames, frame, stamp, settings.pose_covariance)
+        frames = self.map_frame, self._settings.base_frame
+        return SeenFrame.placed(self.transforms, frames, frame, stamp, self._settings.pose_covariance)
 
     def _depth(self, frame: str, camera: CameraModel, stamp: int) -> tuple[DepthImage, int]:
         """The depth image of detections, and its stamp, ns."""

@@ -41,7 +41,8 @@ class EvidenceLog:
 
     Evidence, detections in space and targets in other frames than the map's are placed by the tf of the bag, boxes in
     an image (Detection2DArray) by CameraInfo and depth image, too, as `camera` says. In a bag whose tf has no map they
-    must be in one frame, that of the first or `frame`. What cannot be used is skipped and accounted for in `summary`.
+    are placed in the frame in which the robot moves, such as `odom`, and left in their own where nothing moves; `frame`
+    is another one for all. What cannot be used is skipped and accounted for in `summary`.
     Raises LogError where there is no such bag.
     """
 
@@ -117,6 +118,7 @@ class EvidenceLog:
         frame, stamp = strip_slash(str(header.frame_id)), nanoseconds(header.stamp)
         missing: list[str] = []
         if raw.type_name == BOXES:
+            self._place_of(frame, stamp, last)
             evidence, refused = self.camera.evidence(message, frame, stamp, last)
             for reason in refused:
                 self._skip(raw, reason)
@@ -134,22 +136,28 @@ class EvidenceLog:
 
     def _place_of(self, frame: str, stamp: int, last: bool) -> SeenFrame:
         """How to get from a frame to the world. last : nothing is waited for. Raises TransformError, InputError."""
-        world = self.frame or self._map_frame
-        if frame != world and world == self._map_frame:
+        world = self.camera.map_frame = self._world_of(frame, last)
+        seen = SeenFrame()
+        if frame != world:
             try:
                 seen = self.camera.placed(frame, stamp)
             except TransformError as error:
                 if not last:
                     raise
-                if self.frame or self.camera.transforms.knows(world):
-                    raise InputError(f"is in frame '{frame}', '{world}' expected: {error}") from None
-                world, seen = frame, SeenFrame()
-        elif frame != world:
-            raise InputError(f"is in frame '{frame}', '{world}' expected")
-        else:
-            seen = SeenFrame()
+                raise InputError(f"is in frame '{frame}', '{world}' expected: {error}") from None
+        if world not in (self.frame, self._map_frame, frame):
+            reason = f"its tf has no '{self._map_frame}': things are placed in '{world}', and drift with it"
+            self.summary.note(reason, f"time {stamp / NANOSECONDS:.3f}")
         self.frame = world
         return seen
+
+    def _world_of(self, frame: str, last: bool) -> str:
+        """The frame of the world; where tf knows of no map, that in which the robot moves, or else the message's."""
+        world, transforms = self.frame or self._map_frame, self.camera.transforms
+        if not last or self.frame or frame == world or transforms.knows(world):
+            return world
+        chain = transforms.chain(frame)
+        return chain[-1] if transforms.moving.keys() & set(chain) else frame
 
     def close(self) -> None:
         """Release files."""
