@@ -147,7 +147,7 @@ def _input_figures(item: Input, rate: float) -> dict[str, object]:
         f"{name} rate [Hz]": rate,
         f"{name} received": counts.received,
         f"{name} used": counts.used,
-        f"{name} lost": max(counts.lost, counts.reported_lost),
+        f"{name} lost": counts.missing,
         f"{name} dropped": counts.dropped,
         f"{name} late": counts.late,
         f"{name} stamp gaps": counts.stamp_gaps,

@@ -23,6 +23,11 @@ class InputCounts:
     def dropped(self) -> int:
         return sum(self.drops.values())
 
+    @property
+    def missing(self) -> int:
+        """How many never came, by the publisher's numbers or as the middleware tells."""
+        return max(self.lost, self.reported_lost)
+
 
 class MessageGaps:
     """Finds what was lost on the way or left out by a sensor's driver, and counts it.

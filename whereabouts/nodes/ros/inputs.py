@@ -321,12 +321,7 @@ class Input:
             self.counts.reported_lost = int(event.total_count)
 
     def _on_incompatible(self, event: Any) -> None:
-        policy = str(event.last_policy_kind).rpartition(".")[2].lower().removeprefix("rmw_qos_policy_")
-        self._node.complain(
-            f"{self.topic}: a publisher offers less than is asked for ({policy}) and is not heard. Change it, or set "
-            f"qos_overrides.{self.topic}.subscription.{policy} for this node",
-            key=(self.topic, "qos"),
-        )
+        self._node.complain(f"{self.topic}: {_unheard(self.topic, event)}", key=(self.topic, "qos"))
 
     def _done(self, stamp: int) -> None:
         """What came last is done with; where there are turns, that is said once for all inputs."""
@@ -337,22 +332,27 @@ class Input:
 
     def acknowledge(self, stamp: int) -> None:
         """Say that what came last is done with."""
-        self._told_lost = self._lost
+        self._told_lost = self.counts.missing
         message = Processed(
             stamp=time_message(stamp),
             topic=self.topic,
             sequence=self.sequence,
             received=self.counts.received,
             dropped=self.counts.dropped,
-            lost=self._lost,
+            lost=self._told_lost,
         )
         self._node.account.acknowledge(message)
 
     def tell_loss(self) -> None:
         """Say how many messages were lost, if more were than was said before."""
-        if self._lost > self._told_lost:
+        if self.counts.missing > self._told_lost:
             self.acknowledge(self._time.newest or 0)
 
-    @property
-    def _lost(self) -> int:
-        return max(self.counts.lost, self.counts.reported_lost)
+
+def _unheard(topic: str, event: Any) -> str:
+    """Why a publisher is not heard, and what to do about it."""
+    policy = str(event.last_policy_kind).rpartition(".")[2].lower().removeprefix("rmw_qos_policy_")
+    return (
+        f"a publisher offers less than is asked for ({policy}) and is not heard. Change it, or set "
+        f"qos_overrides.{topic}.subscription.{policy} for this node"
+    )
