@@ -232,10 +232,16 @@ def test_one_late_odometry_message_leaves_the_map_alone_and_a_loop_takes_it_up_a
     robot.go(0.0, 20.0, 0.25)
     figures = settled(graph, "loop_closure", robot.diagnostics)
     assert figures["new runs"] == str(int(runs) + 1)
-    graph.until(lambda: "found in the map of the previous run" in graph.log(spec), "the robot is found")
+    # On a busy machine the map gets to see few of the scans.
+    now = 20.0
+    while "found in the map of the previous run" not in graph.log(spec):
+        assert now < 120.0, f"{figures}\n{graph.log(spec)}"
+        robot.go(now, now + 1.0, 0.25)
+        now += 1.0
+        figures = settled(graph, "loop_closure", robot.diagnostics)
     assert int(figures["keyframes"]) >= kept
     pose = graph.until(robot.in_map, "tf has the robot in the map")[0]
-    miss = between(robot.truth(19.75), pose)
+    miss = between(robot.truth(now - 0.25), pose)
     assert np.hypot(*miss[:2]) < 0.3
     assert abs(miss[2]) < 0.1
 
