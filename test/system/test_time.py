@@ -246,6 +246,24 @@ def test_one_late_odometry_message_leaves_the_map_alone_and_a_loop_takes_it_up_a
     assert abs(miss[2]) < 0.1
 
 
+def test_scans_that_waited_for_slow_transforms_are_mapped(graph: Graph) -> None:
+    """A robot that says less often where it is than its scanner turns."""
+    robot = Mapper(graph)
+    spec = graph.start("loop_closure")
+    graph.mount()
+    times = [0.025 * k for k in range(9)]
+    for time in times:
+        graph.publish("scan", scan_message(robot.scan(time)))
+    graph.until(lambda: len(robot.mapped) >= len(times), "all scans are there")
+    for time in (times[0], times[-1]):
+        x, y, yaw = robot.drive(time)
+        turn = (0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw))
+        base = transform_message("odom", "base_link", START + round(time * NANOSECONDS), (x, y, 0.0, *turn))
+        graph.publish("tf", TFMessage(transforms=[base]))
+    figures = settled(graph, "loop_closure", robot.diagnostics)
+    assert figures["/scan used"] == str(len(times)), graph.log(spec)
+
+
 def test_a_scan_in_an_unknown_frame_holds_up_nobody_and_is_given_up_by_message_time(graph: Graph) -> None:
     robot = Robot(graph)
     spec = graph.start("scan_registration", transform_timeout=0.3)

@@ -151,8 +151,9 @@ class LoopClosureNode(SuiteNode):
 
     def _take_view(self, message: LaserScan | PointCloud2, stamp: int) -> None:
         begun = time.perf_counter()
-        # A map is made along the path: what comes after others of a later stamp says nothing new.
-        if self._range_input.behind(stamp) > 0:
+        # A map is made along the path: what comes after others of a later stamp says nothing new. Those that came
+        # while it waited for its transform are still to be taken.
+        if self._range_input.behind(stamp) > 0 and stamp < (self._map.stamp or 0):
             raise InputError("its stamp is older than that of the previous message")
         view: Scan | Array
         is_scan = isinstance(message, LaserScan)
