@@ -266,6 +266,7 @@ def test_localises_only_from_an_initial_pose(graph: Graph, tmp_path: Path) -> No
     fill_pose(said.pose.pose, spatial(robot.truth(19.75) + np.array([0.3, -0.2, 0.1])))
     robot.transforms.clear()
     graph.publish("initialpose", said)
+    graph.until(lambda: graph.heard(spec, "/initialpose"), "the node has been told where the robot is")
     robot.go(20.0, 23.0, 0.25)
     pose = graph.until(robot.in_map, "a pose in the map")[0]
     assert np.hypot(*between(robot.truth(22.75), pose)[:2]) < 0.2
@@ -353,8 +354,13 @@ def test_a_map_of_clouds_is_saved_and_the_robot_found_in_it_again(graph: Graph, 
     start = pose_from_matrix(robot.truth(4)) + np.array([0.5, -0.3, 0.0, 0.0, 0.0, 0.15])
     fill_pose(said.pose.pose, spatial(start[[0, 1, 5]]))
     graph.publish("initialpose", said)
+    graph.until(lambda: graph.heard(spec, "/initialpose"), "the node has been told where the robot is")
     robot.go(4, 9, origin)
-    found = robot.correction()
-    assert np.linalg.norm((found @ np.linalg.inv(origin) @ robot.truth(8) - robot.truth(8))[:3, 3]) < 0.2
+
+    def close() -> bool:
+        found = robot.correction() @ np.linalg.inv(origin) @ robot.truth(8)
+        return bool(np.linalg.norm((found - robot.truth(8))[:3, 3]) < 0.2)
+
+    graph.until(lambda: len(robot.correction()) and close(), "the robot is where it was said to be")
     assert (tmp_path / "street.npz").read_bytes() == before
     assert "defect" not in graph.log(spec)
