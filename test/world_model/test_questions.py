@@ -17,7 +17,15 @@ from estimation.geometry.places import Places
 from world_model import WorldModel, WorldObject, WorldState, ask
 from world_model.memory.store import Store, StoreError
 from world_model.memory.store_file import StoreVersionError
-from world_model.questions import CAN_BE_ASKED, NothingKnownError, moment, recall, where_is, where_was
+from world_model.questions import (
+    CAN_BE_ASKED,
+    NothingKnownError,
+    moment,
+    recall,
+    what_was_not_seen,
+    where_is,
+    where_was,
+)
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
 SPOTS = {
@@ -94,11 +102,23 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
         ("what has changed since yesterday at 11:00", "what_changed",
          {"cup-1": ["desk", "kitchen_table"], "book-1": ["sofa", None]}),
         ("what has changed in the last 30 minutes?", "what_changed", {}),
+        ("what was missing on tuesday at 13:00?", "what_was_missing", ["book-1"]),
+        ("what was missing on monday at 13:00?", "what_was_missing", []),
+        ("what colour is cup-2?", "what_it_is", "blue"),
+        ("is the cup on the counter red?", "is_so", False),
+        ("is cup-1 red?", "is_so", True),
+        ("have you lost anything?", "what_is_missing", ["book-1"]),
+        ("What is on the counter? I need it now!", "what_is_at", ["cup-2"]),
+        ("any idea where the red cup went?", "where_is", "kitchen_table"),
+        ("where was the red cup before it was moved?", "when_moved", "2026-11-18T19:00:00"),
+        ("will the red cup be on the desk tomorrow at 14:00?", "will_be_at", True),
+        ("will the red cup be in the kitchen tomorrow at 14:00?", "will_be_at", False),
     ],
 )  # fmt: skip
 def test_answers_are_those_of_the_world(store: Store, question: str, kind: str, value: object) -> None:
     answer = ask(store, question)
     found = sorted(answer.value) if isinstance(answer.value, list) else answer.value
+    found = found[:19] if kind == "when_moved" else found
     assert (answer.kind, found) == (kind, value), answer.sentence
     assert 0.5 < answer.probability <= 1.0
     assert datetime.fromisoformat(answer.stamp).tzinfo is not None
@@ -176,6 +196,48 @@ def test_what_was_away_and_is_back_at_its_place_has_changed(tmp_path: Path) -> N
     with moved_daily(tmp_path / "home.sqlite", -15 * 60) as store:  # the evening before, at six
         assert ask(store, "what has changed in the last 3 hours?").value == {"bag-1": [None, "sofa"]}
         assert ask(store, "what has changed in the last 12 hours?").value == {}
+
+
+def test_what_was_away_and_is_back_is_told_to_have_been_away(tmp_path: Path) -> None:
+    with Store(tmp_path / "w.sqlite") as store:
+        store.keep_places(HOME)
+        for step in range(72):
+            stamp = MONDAY + 600.0 * step
+            there = thing("bag-1", "sofa", stamp if not 3.0 <= step / 6 < 8.0 else MONDAY + 2.9 * HOUR)
+            store.record(WorldState((replace(there, lost=there.last_seen < stamp),), 1.0, 1.0, stamp))
+        moved = ask(store, "how often was the bag moved today?")
+        assert moved.value == 0
+        assert "was away once and came back" in moved.sentence
+        assert (
+            "then away from 2026-11-16 03:00, then on the sofa" in ask(store, "history of the bag").sentence
+        )
+        assert ask(store, "was the bag gone today?").value == pytest.approx(5 * HOUR, abs=1200.0)
+        assert ask(store, "what was missing at 5:00?").value == ["bag-1"]
+        assert ask(store, "what was missing at 9:00?").value == []
+
+
+def test_who_was_last_at_a_place_is_the_last_one(tmp_path: Path) -> None:
+    with Store(tmp_path / "w.sqlite") as store:
+        store.keep_places(HOME)
+        for number, hour in enumerate((9, 11, 14)):
+            for second in range(5):
+                stamp = MONDAY + hour * HOUR + second
+                people = (thing(f"person-{number + 1}", "sofa", stamp),) if hour < 14 else ()
+                store.record(WorldState((thing("cup-1", "sofa", stamp), *people), 1.0, 1.0, stamp))
+        [[person, *_]] = ask(store, "when was anyone last on the sofa?").value
+        assert person == "person-2"
+        assert len(ask(store, "who was on the sofa today?").value) == 2
+
+
+def test_what_is_known_and_what_was_not_seen_are_told(store: Store) -> None:
+    rooms = ask(store, "which rooms do you know?").value
+    assert rooms == [place.name for place in HOME if place.kind == "room"]
+    assert set(ask(store, "what places are there?").value) == {place.name for place in HOME}
+    assert ask(store, "what have you not seen today?").value == []
+    known = recall(store)
+    old = replace(known, present=known.present | {"book-1": thing("book-1", "sofa", MONDAY)})
+    assert what_was_not_seen(old, "today").value == ["book-1"]
+    assert ask(store, "what can I ask?").choices == CAN_BE_ASKED
 
 
 def test_ambiguous_questions_are_answered_with_the_choices(store: Store) -> None:

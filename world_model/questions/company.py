@@ -31,7 +31,7 @@ from world_model.questions.past import (
     since_when,
     told_change,
 )
-from world_model.questions.recall import Recall, Trust
+from world_model.questions.recall import WEEK, Recall, Trust
 from world_model.state import DAY, PERSON
 
 BESIDE = 1.0  # m: who is that close to a piece of furniture is at it
@@ -80,6 +80,17 @@ def who_was_here(world: Recall, place: str = "", since: When = None, person: str
         nobody = f"not seen {_called(world, person)}" if person else "seen nobody"
         sentence = f"I have {nobody}{at} {period}"
     return Answer.stated(sentence, "who_was_here", Trust.SEEN, span.start, value, tuple(evidence[-8:]))
+
+
+def who_was_last(world: Recall, place: str = "", since: When = None) -> Answer:
+    """Who was at a place, or anywhere, last: since a moment, or in the last week. value as of `who_was_here`.
+
+    Raises NothingKnownError, AmbiguousError, InputError.
+    """
+    span = since_when(world, since, WEEK)
+    visits = visits_of(world, place_named(world, place, beside=True), span)
+    last = max(visits, key=lambda visit: visit.end, default=None)
+    return who_was_here(world, place, span if last is None else Span(last.start, last.end))
 
 
 def who_is_here(world: Recall, place: str = "") -> Answer:

@@ -14,7 +14,7 @@ from pathlib import Path
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.memory.store import Store
-from world_model.questions import company, nearby, past, usual, where
+from world_model.questions import company, nearby, past, traits, usual, where
 from world_model.questions.answers import (
     AmbiguousError,
     Answer,
@@ -26,7 +26,7 @@ from world_model.questions.answers import (
 )
 from world_model.questions.moments import Span, ahead, extract
 from world_model.questions.naming import PREPOSITIONS, is_person, name_words, phrases, things_named
-from world_model.questions.recall import WEEK, Recall, Trust, recall
+from world_model.questions.recall import Recall, Trust, recall
 from world_model.questions.wording import plainly, respelled, simply
 from world_model.symbols import Symbols
 
@@ -41,6 +41,8 @@ CAN_BE_ASKED = (
     "what happened to the cup", "which room is the cup in", "who moved the cup", "what has left the desk since noon",
     "where will the cup be tomorrow at eight", "what came to the desk today", "what is out of place",
     "what is next to the laptop", "how far is the cup from the book", "which cups are not in the kitchen",
+    "what color is cup-3", "what was missing at noon", "what have you not seen today", "which places do you know",
+    "when was anyone last in the kitchen", "will the cup be on the desk tomorrow at eight",
 )  # fmt: skip
 _AT = rf"(?P<place>(?:{PREPOSITIONS}) .+)"
 _BY = r"(?:right |just |directly )?(?:next to|close to|closest to|nearest to|nearest|near|beside|by|around)"
@@ -194,7 +196,34 @@ def _listed(q: ParsedQuestion) -> Answer:
 def _will_be(q: ParsedQuestion) -> Answer:
     if q.span is None:
         raise NotUnderstoodError('When? Say "tomorrow at eight", "in two hours" or "this evening".')
+    if q.place:
+        return usual.will_be_at(q.world, q.what, q.place, q.span)
     return usual.where_will_be(q.world, q.what, q.span)
+
+
+def _gone(q: ParsedQuestion) -> Answer:
+    return past.how_long_there(q.world, q.what, "", q.since, gone=True) if q.past else _where(q)
+
+
+def _missing(q: ParsedQuestion) -> Answer:
+    if q.then is not None and not q.then.lasts and q.word != "since":
+        return past.what_was_missing(q.world, q.then.start)
+    return past.what_is_missing(q.world, q.since)
+
+
+def _valued(q: ParsedQuestion) -> Answer:
+    """Raises NotUnderstoodError about the past: what things looked like then is not kept."""
+    if q.past:
+        raise NotUnderstoodError("I can only tell what things look like now, not what they looked like then.")
+    return (
+        traits.what_it_is(q.world, q.what, q.other)
+        if q.verb == ""
+        else traits.is_so(q.world, q.what, q.other)
+    )
+
+
+def _help(q: ParsedQuestion) -> Answer:
+    return Answer(f"You can ask: {'; '.join(CAN_BE_ASKED)}.", "help", 1.0, choices=CAN_BE_ASKED)
 
 
 _CALLS: dict[str, Call] = {
@@ -214,16 +243,19 @@ _CALLS: dict[str, Call] = {
     "seen": lambda q: where.when_last_seen(q.world, q.what, q.since),
     "moved": lambda q: past.when_moved(q.world, q.what, q.around, q.place or q.left, q.way),
     "often": lambda q: past.how_often(q.world, q.what, q.place, q.since),
-    "who_last": lambda q: company.who_was_here(
-        q.world, q.place, q.since or past.since_when(q.world, None, WEEK)
-    ),
+    "who_last": lambda q: company.who_was_last(q.world, q.place, q.since),
     "long_gone": lambda q: past.how_long_there(q.world, q.what, "", q.since if q.past else None, gone=True),
     "strays": lambda q: usual.what_is_out_of_place(q.always),
     "arrived": lambda q: past.what_moved(q.world, q.around, q.place, "to"),
     "everything": lambda q: where.what_is_at(q.world, "", q.then),
     "changed": lambda q: past.what_changed(q.world, q.since, q.place),
     "all_moved": lambda q: past.what_moved(q.world, q.around, q.place),
-    "missing": lambda q: past.what_is_missing(q.world, q.since),
+    "missing": _missing,
+    "gone": _gone,
+    "valued": _valued,
+    "help": _help,
+    "unseen": lambda q: where.what_was_not_seen(q.world, q.since),
+    "places": lambda q: traits.which_places(q.world, q.what.replace("rooms", "room")),
     "near": lambda q: nearby.what_is_near(q.world, q.what, q.then),
     "far": lambda q: nearby.how_far(q.world, q.what, q.other, q.then),
     "left": lambda q: past.what_left(q.world, q.place, q.since),
@@ -255,7 +287,7 @@ came         when (?:did|was) {_W} (?:came|moved|gone) {_TO}
 moved        when (?:did|was)(?: {_I}| anyone) moved {_W}
 moved        (?:when|how long ago) (?:did|was) {_W} (?:moved|gone|left|came)(?: {_HERE})?(?: {_TO})?
 moved        when (?:did|was) {_W} left (?P<left>.+)
-moved        where (?:was|did) {_W} (?:before(?: that)?|be before(?: that)?)
+moved        where (?:was|did) {_W} (?:be )?before(?: that| (?:it|they) (?:was )?moved)?
 often        how often (?:did|was|is) {_W} (?:moved|gone)(?: around)?
 often        how often (?:did|was|is) {_W} {_AT}
 long_gone    how long (?:did|was) {_W} (?:gone|stay gone|out)
@@ -273,6 +305,11 @@ left         {_WHAT} (?:did )?left (?P<place>.+)
 left         (?:is|was|did) anything (?:gone|moved) {_AT}
 missing      {_WHAT} (?:(?:is|was|did) )?(?:gone|not where it was)
 missing      (?:is|was|did)(?: there)? anything gone
+missing      (?:did|was) {_I} gone anything
+unseen       {_WHAT} (?:did|was) (?:{_I} not|not {_I}) seen
+places       (?:what|which|list|show me|name)(?: all)?(?: the)? (?:(?P<what>rooms|furniture)|places)
+>(?: (?:is there|did {_I} know(?: of| about)?))?
+help         help|what can {_I} ask(?: {_I})?|(?:what|which) questions .+|what can {_I} did
 who          who {_BE} (?:seen )?(?:{_HERE}|{_AT})?(?:,? and with what)?
 who          where (?P<verb>is) (?:everyone|everybody|anyone|all)
 who          (?:was|did) {_WHO} (?:seen|{_HERE})
@@ -307,11 +344,12 @@ what_at      {_BE} (?P<empty>.+) (?:empty|clear|free)
 listed       (?:what|which) (?P<what>.+) {_BE} (?P<place>(?:not )?(?:{PREPOSITIONS}) .+)
 listed       (?:list|show|give me|name)(?: me)? (?:all |all of )?{_W}
 history      what (?:happened|was done|is the history|did {_I} know|did {_I} did|did {_I} do) (?:to|with|of|about) {_W}
-history      (?:tell me |show me |give me )?(?:about|the history of|history of|history) {_W}
+history      (?:tell me |show me |give me )?(?:about|describe|the history of|history of|history) {_W}
 is_at        {_BE} (?:there )?{_W} {_AT}
+will_be      will {_W} be {_AT}
 is_at        did {_I} (?:left|moved|forget) {_W} {_AT}
 where        is {_W} {_HERE}
-where        (?:{_BE}|did) {_W} gone
+gone         (?:{_BE}|did) {_W} gone
 where        (?:did|is) {_W} (?:came)(?: {_HERE})?
 many         (?:is|was) there {_W}(?: left)?
 where        where (?:could|might|may|can) {_W} be
@@ -322,6 +360,8 @@ where        where (?:can|could|did|would|might|should) {_I} (?:find|look for|se
 where        where (?:is|did|was)?(?: ?{_I}) (?:did )?(?:moved|left|seen|find|lose|gone|keep|forget) {_W}
 where        where {_BE} {_W}(?: seen| be| now| kept| moved)?
 where        where did {_W} (?:be|is|left)
+valued       (?:what|which) (?:kind of )?(?P<other>[\w-]+) is {_W}
+valued       {_BE} {_W} (?:an? )?(?P<other>[\w-]+)
 where        (?:whereabouts (?:is|was)|find|locate|look for|search for|show me|location of|the location of) {_W}
 """
 """A word of `_CALLS` and what its question looks like; behind ">" it goes on. The first that fits is taken."""
@@ -365,6 +405,20 @@ def _call(world: Recall, question: str) -> Answer:
         raise NotUnderstoodError(_not_understood(""))
     if len(question) > LONGEST:
         raise NotUnderstoodError(f"A question has at most {LONGEST} characters, this one {len(question)}.")
+    try:
+        return _said(world, question)
+    except NotUnderstoodError as error:
+        # "Where is the cup? I need it now!"
+        for part in re.split(r"(?<=[?!.]) +", question):
+            try:
+                return _said(world, part)
+            except InputError:
+                continue
+        raise error
+
+
+def _said(world: Recall, question: str) -> Answer:
+    """The answer of a question in one sentence. Raises as `_matched`, and AmbiguousError."""
     text = plainly(question, LONGEST).lower()
     try:
         return _matched(world, text, question)
@@ -384,7 +438,7 @@ def _call(world: Recall, question: str) -> Answer:
 
 def _matched(world: Recall, text: str, question: str) -> Answer:
     """The answer of the first pattern that takes a question. Raises NothingKnownError, NotUnderstoodError."""
-    will = re.match(r"where will .+ be\b", text)
+    will = re.match(r"(?:where )?will .+ be\b", text)
     bare, span, word = (*ahead(text, world.now), "") if will else extract(text, world.now)
     error: InputError | None = None
     # Time words may be part of a name: "the night lamp".

@@ -150,8 +150,9 @@ def name_words(world: Recall) -> set[str]:
 
 def _phrases(world: Recall) -> list[str]:
     placed = [plain(text) for place in world.places for text in (place.name, place.type or "")]
-    values = {value.lower() for value in _attribute_values(world)}
-    return [*classes(world), *placed, *world.symbols.predicates, *sorted(values)]
+    values = {value.lower() for value in attribute_values(world)}
+    attributes = {name for item in world.present.values() for name in item.attributes}
+    return [*classes(world), *placed, *world.symbols.predicates, *sorted(values | attributes)]
 
 
 def place_named(world: Recall, words: str, beside: bool = False) -> str:
@@ -301,7 +302,7 @@ def sort_of(world: Recall, words: str) -> Sort | None:
             if (kind is None and not general) or not (said or predicates):
                 continue
             others = set(predicates) - world.symbols.predicates.keys()
-            if not others or others <= _attribute_values(world):
+            if not others or others <= attribute_values(world):
                 return Sort(kind, predicates, single != said or (general and not predicates))
     return None
 
@@ -331,7 +332,7 @@ def classes(world: Recall) -> dict[str, str]:
     }
 
 
-def _attribute_values(world: Recall) -> set[str]:
+def attribute_values(world: Recall) -> set[str]:
     """What attributes of present objects, but for their class, can be."""
     return {
         value

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise, takewhile
+from itertools import pairwise, takewhile, zip_longest
 
 from world_model.memory.stays import AWAY, ObjectStay, Timeline
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
@@ -21,7 +21,7 @@ from world_model.questions.naming import (
 )
 from world_model.questions.recall import LATELY, WEEK, Recall, Trust
 from world_model.questions.where import evidence_of, within
-from world_model.state import DAY, PERSON
+from world_model.state import BELIEVED, DAY, PERSON
 
 MANY = 100  # Stays, of which no more are read where no time is given
 CONFIRMED = 60.0  # s: what was seen for less may have been a false detection; of less a sentence says nothing
@@ -53,6 +53,11 @@ class Change:
     def back(self) -> bool:
         """Whether it is where it was."""
         return self.left is not None and self.came is not None and self.left.is_where(self.came)
+
+    @property
+    def was_away(self) -> bool:
+        """Whether it was nowhere for longer than a look at every place takes."""
+        return self.left_by is not None and self.end - self.left_by > AWAY
 
 
 def since_when(world: Recall, when: When, usual: float = math.inf) -> Span:
@@ -117,11 +122,13 @@ def how_often(world: Recall, what: str, place: str = "", since: When = None) -> 
     else:
         changes = changes_of(line, span.start, span.end)
         count = sum(None not in (each.left, each.came) and not each.back for each in changes)
+        away = sum(each.back and each.was_away for each in changes)
         if gone and until_now:
             # It has gone from where it was, to where nobody has looked yet, or out of the house.
             out = elsewhere(world, line).out
             count, certain = count + (out < 0.5), max(out, 1.0 - out)
         said = f"was moved {_times(count)}" if count else "was not moved"
+        said += f", but was away {_times(away)} and came back," if away else ""
     begin = max(span.start, line.stays[0].since if line.stays else world.now)
     until = "" if until_now else f" until {clock(span.end)}"
     there = max(line.at(world.now)[0].values(), default=1.0) if until_now else 1.0
@@ -293,7 +300,7 @@ def told_change(world: Recall, change: Change) -> str:
     between = f"at {clock(change.end)}"
     if change.end - change.start >= CONFIRMED:
         between = Span(change.start, change.end).between
-    if change.left_by is not None and change.end - change.left_by > AWAY:
+    if change.left_by is not None and change.was_away:
         left = f"{name} left {_end(world, change.left)} by {clock(change.left_by)}"
         return f"{left} and was found {spoken(world, change.came)} at {clock(change.end)}"
     return f"{name} went from {_end(world, change.left)} to {_end(world, change.came)} {between}"
@@ -402,6 +409,21 @@ def what_is_missing(world: Recall, since: When = None) -> Answer:
     return Answer.stated(sentence, "what_is_missing", Trust.SEEN * certain, world.now, value, evidence)
 
 
+def what_was_missing(world: Recall, stamp: float) -> Answer:
+    """What was known, and nowhere, at a moment of the past, s. value : ids. Raises NothingKnownError, InputError."""
+    span = within(world, Span(stamp, stamp))
+    missing = []
+    for name in world.things():
+        line = world.line(name, span.start, span.start)
+        chances, stay = line.at(span.start)
+        if stay is not None and not _is_false(world, line) and sum(chances.values()) < BELIEVED:
+            missing.append(name)
+    named = listed(described(world, name) for name in missing)
+    sentence = f"{named or 'Nothing that I know of'} {'were' if len(missing) > 1 else 'was'} missing at {clock(stamp)}"
+    p = Trust.SEEN * Trust.EACH ** len(missing)
+    return Answer.stated(sentence, "what_was_missing", p, stamp, missing)
+
+
 def history(world: Recall, what: str, since: When = None) -> Answer:
     """Where an object was, and since when. value : [[place, since, until], ...].
 
@@ -413,7 +435,7 @@ def history(world: Recall, what: str, since: When = None) -> Answer:
     stays = line.within(span.start, span.end)
     if not stays:
         raise NothingKnownError(f"{clean(name)} was not seen in that time.")
-    parts = [f"{spoken(world, stay)} from {clock(stay.since)}" for stay in stays[-10:]]
+    parts = [_told_stay(world, stay, after) for stay, after in zip_longest(stays, stays[1:])][-10:]
     more = " at least" if line.cut and math.isinf(span.start) else ""
     before = f"{len(stays) - 10} places{more} before; " if len(stays) > 10 else ""
     end = f", missing since {clock(stays[-1].left_by or stays[-1].until)}" if line.lost else ""
@@ -421,6 +443,13 @@ def history(world: Recall, what: str, since: When = None) -> Answer:
     value = [[stay.place, iso(stay.since), iso(stay.until)] for stay in stays]
     first = iso(stays[0].since)
     return Answer(sentence, "history", Trust.SEEN, first, value, evidence_of(line, span.start, span.end))
+
+
+def _told_stay(world: Recall, stay: ObjectStay, after: ObjectStay | None) -> str:
+    """ "on the sofa from 2026-11-21 09:12", and since when it was nowhere before the next."""
+    away = stay.left_by if after is not None and after.since - (stay.left_by or math.inf) > AWAY else None
+    then = f", then away from {clock(away)}" if away is not None else ""
+    return f"{spoken(world, stay)} from {clock(stay.since)}{then}"
 
 
 def when_last_at(world: Recall, what: str, place: str) -> Answer:

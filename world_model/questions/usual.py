@@ -95,6 +95,18 @@ def where_will_be(world: Recall, what: str, when: Span) -> Answer:
     return Answer(sentence, "where_will_be", p, iso(stamp), best, (), places_of(name, chances, order[1:4]))
 
 
+def will_be_at(world: Recall, what: str, place: str, when: Span) -> Answer:
+    """Whether an object is expected at a place at a coming moment. value : bool. Raises as `where_will_be`."""
+    answer, where = where_will_be(world, what, when), place_named(world, place)
+    expected = {str(answer.value): answer.probability}
+    expected |= {str(other["place"]): float(other["probability"]) for other in answer.alternatives}
+    p = world.inside(where, expected)
+    sentence = f"{'Yes' if p >= USUAL else 'No'}, {told(max(p, 1.0 - p))}: {answer.sentence}"
+    return replace(
+        answer, kind="will_be_at", value=p >= USUAL, probability=max(p, 1.0 - p), sentence=sentence
+    )
+
+
 def is_at_usual_place(world: Recall, what: str) -> Answer:
     """Whether an object is where it is most of the time. value : bool. Raises NothingKnownError, AmbiguousError."""
     usual = where_usually(world, what)

@@ -40,7 +40,7 @@ from world_model.questions.naming import (
     things_named,
 )
 from world_model.questions.recall import Recall, Trust, ranked
-from world_model.state import BELIEVED, PERSON, most_probable
+from world_model.state import BELIEVED, DAY, PERSON, most_probable
 
 HIDDEN = 0.89  # The most that is told of a place where something was not seen: it is never told as sure
 LATELY = 6 * 3600.0  # s: what went from where it was no longer ago may be where it usually goes then
@@ -341,6 +341,23 @@ def when_last_seen(world: Recall, what: str, during: Span | None = None) -> Answ
     evidence = evidence_of(line, stay.since, stay.until)
     seen = iso(stay.until)
     return Answer(sentence, "when_last_seen", probability, seen, seen, evidence, options)
+
+
+def what_was_not_seen(world: Recall, since: When = None) -> Answer:
+    """What is known and was not seen since a moment, or in the last day where none is said, the longest first.
+
+    value : ids. Raises InputError for the time.
+    """
+    start = within(world, since).start if since is not None else world.now - DAY
+    items = [item for item in world.present.values() if item.last_seen < start]
+    unseen = [
+        item for item in sorted(items, key=lambda item: item.last_seen) if world.kind(item.id) != PERSON
+    ]
+    parts = [f"{described(world, item.id)}, seen last at {clock(item.last_seen)}" for item in unseen]
+    sentence = f"Not seen since {clock(start)}: {'; '.join(parts[:20])}"
+    if not unseen:
+        sentence = f"All that I know of was seen since {clock(start)}"
+    return Answer.stated(sentence, "what_was_not_seen", Trust.SEEN, start, [item.id for item in unseen])
 
 
 def _cut(line: Timeline, span: Span) -> Timeline:

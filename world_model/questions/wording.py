@@ -62,6 +62,7 @@ _ORDER = (
         r"(is|are|was|were|has|have)\b(.*)$",
         r"\2 \1\3",
     ),
+    (rf"^(where|when) ({_NOUN}) (went|goes|came|moved|disappeared|left)$", r"\1 did \2 \3"),
     (rf"\b(is|are|was|were|been|be|there) {_LIES}\b", r"\1"),
     (rf"^(where (?:is|are|was|were) .+) {_LIES}$", r"\1"),
     (rf"\b{_HOME}\b", "here"),
@@ -130,7 +131,7 @@ SAME = (
     ("fridge", "refrigerator"), ("bottle", "flask"), ("person", "human", "somebody"),
     ("living room", "lounge", "sitting room"), ("hall", "hallway", "corridor"), ("office", "study"),
     ("counter", "worktop", "countertop", "kitchen counter"), ("low table", "coffee table"), ("plant", "potted plant"),
-    ("clock", "alarm clock"), ("shoes", "shoe", "trainers", "sneakers"), ("bicycle", "bike"),
+    ("color", "colour"), ("clock", "alarm clock"), ("shoes", "shoe", "trainers", "sneakers"), ("bicycle", "bike"),
 )  # fmt: skip
 """Words for the same; looked at only where nothing is called what was said."""
 _GERMAN = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "ø": "oe", "å": "aa", "æ": "ae"})
