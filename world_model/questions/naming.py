@@ -276,8 +276,11 @@ def _ids(world: Recall) -> dict[str, str]:
 
 
 def _joined(name: str) -> str:
-    """An id by which "coffee_mug-2" is also "Coffee mug 2"."""
-    return re.sub(r"[\s_-]+", "-", name.lower().strip())
+    """An id by which "coffee_mug-2" is also "Coffee mug 2", "coffee mug number 2" and "coffee_mug2"."""
+    numbered = re.sub(
+        r"(?<=[^\W\d])[\s_-]*(?:#|(?<=\s)(?:number|no\.?)\s)?\s*(\d+)$", r"-\1", name.lower().strip()
+    )
+    return re.sub(r"[\s_-]+", "-", numbered)
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,8 @@ _ORDER = (
         r"\1 \3 \2\4",
     ),
     (
-        rf"^(?:if|whether|(?:are you sure|how sure are you|is it true)(?: that)?) "
+        rf"^(?:if|whether|(?:are you sure|how sure are you|is it true|"
+        r"(?:how|is it) (?:likely|probable)(?: is it)?|what is the (?:probability|chance))(?: that)?) "
         rf"({_NOUN}|there|anybody|anyone|somebody|someone|anything|something) "
         r"(is|are|was|were|has|have)\b(.*)$",
         r"\2 \1\3",
