@@ -113,7 +113,7 @@ NODE_INTERFACES: dict[str, tuple[Interface, ...]] = {
         _I("in", "detections", "vision_msgs/Detection3DArray", "detections of any detector; with `camera_info` what is missing counts, too, as far as it was in view"),
         _I("in", "detections_2d", "vision_msgs/Detection2DArray", "boxes in the image of `camera_info`, in its frame; needs `depth` or `depth_from_scan`"),
         _I("in, optional", "camera_info", "sensor_msgs/CameraInfo", "what the camera can see; plumb_bob, rational_polynomial or straightened"),
-        _I("in, optional", "depth", "sensor_msgs/Image", "16UC1 (mm) or 32FC1 (m), registered to the image of `camera_info`: where boxes are, and what is hidden"),
+        _I("in, optional", "depth", "sensor_msgs/Image", "16UC1 (mm) or 32FC1 (m), registered to the image of `camera_info`: where boxes are, and what is hidden; a CompressedImage where the topic ends in `/compressedDepth`"),
         _I("in, optional", "scan", "sensor_msgs/LaserScan", "instead of depth images", "depth_from_scan"),
         _I("in", "targets", "whereabouts_msgs/TargetArray", "people; then people in other evidence are ignored"),
         _I("in, optional", "predicted_paths", "whereabouts_msgs/PredictedPathArray", "where targets will be while they are hidden"),

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from depth_camera import DepthCamera, Framed, looking
+from depth_camera import DepthCamera, Framed, compressed, looking
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from scipy.spatial.transform import Rotation
 
 from whereabouts.logs import McapWriter, Topic, open_raw
 from whereabouts.logs.bags.encode import header, xyz, xyzw
-from whereabouts.recorded.camera_log import BOXES, IMAGE, INFO, TF
+from whereabouts.recorded.camera_log import BOXES, COMPRESSED, IMAGE, INFO, TF
 from whereabouts.recorded.evidence_messages import Reader
 from whereabouts.recorded.world_log import DETECTIONS, EvidenceLog
 from whereabouts.simulation.home.apartment_camera import Item
@@ -36,8 +36,8 @@ def stamped(stamp: float, frame: str) -> dict[str, Any]:
 class CameraRecorder:
     """Writes the messages of a camera, a detector and tf, with a look four times a second."""
 
-    def __init__(self, path: Path, world: str = "map") -> None:
-        self.world = world
+    def __init__(self, path: Path, world: str = "map", packed: bool = False) -> None:
+        self.world, self.packed = world, packed
         self.messages = SuiteMessages(BOXES, DETECTIONS)
         self.make = self.messages.make
         self.writer = McapWriter(path)
@@ -80,7 +80,14 @@ class CameraRecorder:
             self.write("/found", BOXES, message, self.now + 0.01)
             self.transform("/tf", self.world, "base_link", BASE, self.now + 0.02)
             if depth:
-                self.write("/depth", IMAGE, self._image(scene.depth(self.rng)), self.now + 0.05)
+                image = (self._packed if self.packed else self._image)(scene.depth(self.rng))
+                self.write("/depth", COMPRESSED if self.packed else IMAGE, image, self.now + 0.05)
+
+    def _packed(self, metres: np.ndarray) -> Any:
+        data = np.frombuffer(compressed(metres), np.uint8)
+        return self.make(
+            COMPRESSED, header=stamped(self.now, "eye"), format="16UC1; compressedDepth png", data=data
+        )
 
     def _image(self, metres: np.ndarray) -> Any:
         data = np.round(1000.0 * metres).astype("<u2").tobytes()
@@ -103,9 +110,9 @@ class CameraRecorder:
         return {"header": stamped(self.now, "eye"), "results": results, "bbox": bbox}
 
 
-def recorded(path: Path, depth: bool = True) -> Path:
+def recorded(path: Path, depth: bool = True, packed: bool = False) -> Path:
     """A cup and a bowl on the table; then the cup has gone."""
-    recorder = CameraRecorder(path)
+    recorder = CameraRecorder(path, packed=packed)
     with recorder.writer:
         recorder.info()
         recorder.transform("/tf_static", "base_link", "eye", MOUNT, 10.0)
@@ -116,9 +123,11 @@ def recorded(path: Path, depth: bool = True) -> Path:
     return path
 
 
-def test_boxes_are_placed_and_what_is_missing_has_gone(tmp_path: Path) -> None:
+@pytest.mark.parametrize("packed", [False, True])
+def test_boxes_are_placed_and_what_is_missing_has_gone(tmp_path: Path, packed: bool) -> None:
     log = EvidenceLog(
-        recorded(tmp_path / "camera.mcap"), Reader({"class": ["cup", "bowl"]}, ("class",), 0.03)
+        recorded(tmp_path / "camera.mcap", packed=packed),
+        Reader({"class": ["cup", "bowl"]}, ("class",), 0.03),
     )
     model = WorldModel(
         WorldModelConfig(classes=["cup", "bowl"], region=((-2.0, 9.0), (-6.0, 6.0), (-0.5, 2.5)))

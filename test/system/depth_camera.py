@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from PIL import Image as Picture
 
 from whereabouts.simulation.home.apartment_camera import Item
 from whereabouts.simulation.home.floor_plan import first_hits
@@ -130,3 +132,10 @@ def looking(origin: Array, target: Array) -> Array:
     pose[:3, :3] = np.column_stack([right, np.cross(ahead, right), ahead])
     pose[:3, 3] = origin
     return pose
+
+
+def compressed(metres: Array) -> bytes:
+    """A picture in mm as compressedDepth packs it."""
+    packed = io.BytesIO()
+    Picture.fromarray(np.round(1000.0 * metres).astype(np.uint16)).save(packed, "PNG")
+    return bytes(12) + packed.getvalue()

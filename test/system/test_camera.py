@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from depth_camera import DepthCamera, Framed, looking
+from depth_camera import DepthCamera, Framed, compressed, looking
 from geometry_msgs.msg import Point
 from harness import Graph, mounting
 from lifecycle_msgs.msg import Transition
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 from test_world_model import World, stamp
 from tf2_msgs.msg import TFMessage
@@ -30,6 +31,7 @@ from vision_msgs.msg import (
 
 from whereabouts.nodes.messages.stamps import time_message
 from whereabouts.nodes.ros.qos import TF_STATIC_QOS
+from whereabouts.nodes.runtime.supervisor import NodeSpec
 from whereabouts.simulation.home.apartment_camera import Item
 from whereabouts.simulation.home.floor_plan import apartment, places_file
 from world_model.camera import ImageBox
@@ -63,6 +65,7 @@ class CameraRobot:
         self.rng = np.random.default_rng(4)
         self.home = apartment()
         self.now = 0.0
+        self.depth = "depth"
         static = TFMessage(transforms=[mounting("eye", (*ORIGIN, *EYE))])
         static.transforms[0].header.frame_id = "map"
         graph.publish("tf_static", static, TF_STATIC_QOS)
@@ -74,6 +77,13 @@ class CameraRobot:
 
     def header(self, frame: str) -> Header:
         return Header(stamp=time_message(stamp(self.now)), frame_id=frame)
+
+    def seen(self, metres: np.ndarray) -> Image | CompressedImage:
+        """A depth image as `depth` has it."""
+        if self.depth == "depth":
+            return self.image(metres)
+        packed = compressed(metres)
+        return CompressedImage(header=self.header("eye"), format="16UC1; compressedDepth png", data=packed)
 
     def image(self, metres: np.ndarray, frame: str = "eye") -> Image:
         height, width = metres.shape
@@ -97,7 +107,7 @@ class CameraRobot:
         for _ in range(count):
             self.now = round(self.now + 0.25, 3)
             steps = [
-                lambda: self.world.send(self.image(scene.depth(self.rng)), "depth"),
+                lambda: self.world.send(self.seen(scene.depth(self.rng)), self.depth),
                 lambda: told(scene.detections(self.rng)),
             ]
             for step in reversed(steps) if late else steps:
@@ -145,6 +155,20 @@ def test_boxes_in_an_image_tell_what_is_there_what_is_hidden_and_what_has_gone(g
         return any(key.startswith("found at") for key in robot.world.figures())
 
     graph.until(told, "the rates of detection")
+
+
+@dataclass(frozen=True)
+class PackedDepth(NodeSpec):
+    """A node whose depth images come compressed."""
+
+    remappings: Mapping[str, str] = field(default_factory=lambda: {"depth": "depth/compressedDepth"})
+
+
+def test_depth_images_may_come_compressed(graph: Graph) -> None:
+    robot = CameraRobot(graph, kind=PackedDepth)
+    robot.depth = "depth/compressedDepth"
+    robot.look([CUP, BOWL], 30, robot.boxes)
+    assert robot.places() == [AT_CUP, AT_BOWL]
 
 
 def test_detections_in_space_need_no_field_of_view_of_their_own(graph: Graph) -> None:

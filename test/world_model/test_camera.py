@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
+import struct
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from depth_camera import DepthCamera, looking
+from PIL import Image
 
 from estimation.errors import InputError
 from whereabouts.recorded.camera_messages import Cameras, camera_from_message, check_depth, depth_from_message
@@ -256,6 +259,43 @@ def test_images_belong_to_detections_by_stamp_and_frame() -> None:
         check_depth(depth, "depth_eye", found[1], "eye")
     with pytest.raises(InputError, match="4 x 2 pixels, camera_info tells of 640 x 480"):
         check_depth(depth, "eye", lens(), "eye")
+
+
+def packed(pixels: np.ndarray, encoding: str, head: bytes) -> SimpleNamespace:
+    png = io.BytesIO()
+    Image.fromarray(pixels).save(png, "PNG")
+    return SimpleNamespace(format=f"{encoding}; compressedDepth png", data=head + png.getvalue())
+
+
+def test_compressed_depth_images_are_those_that_were_compressed() -> None:
+    millimetres = np.array([[0, 800, 65535], [1234, 1, 40000]], np.uint16)
+    wanted = np.where(millimetres > 0, 1e-3 * millimetres, np.nan)
+    for head in (bytes(12), b""):
+        depth = depth_from_message(packed(millimetres, "16UC1", head))
+        assert depth.size == (3, 2)
+        np.testing.assert_allclose(depth.metres, wanted, rtol=1e-6)
+    # In m, as compressed_depth_image_transport makes whole numbers of them: a depth and its inverse.
+    a, b = 100.0 * 101.0, 1.0 - 100.0 * 101.0 / 10.0
+    metres = np.array([[0.7, 2.5, 9.0]])
+    whole = np.round(a / metres + b).astype(np.uint16)
+    depth = depth_from_message(packed(whole, "32FC1", struct.pack("<iff", 0, a, b)))
+    np.testing.assert_allclose(depth.metres, metres, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        (packed(np.zeros((2, 2), np.uint16), "rgb8", b""), "format: that of a depth image"),
+        (SimpleNamespace(format="16UC1; compressedDepth rvl", data=bytes(40)), "data: a PNG expected.*rvl"),
+        (SimpleNamespace(format="16UC1; compressedDepth", data=b""), "data: a PNG expected"),
+        (SimpleNamespace(format="16UC1; png", data=b"\x89PNG cut off"), "data: the PNG cannot be read"),
+        (packed(np.zeros((2, 2), np.uint8), "16UC1", b""), "data: one channel of 16 bits"),
+        (packed(np.zeros((2, 2), np.uint16), "32FC1", b""), "no PNG but by compressedDepth"),
+    ],
+)
+def test_what_is_no_compressed_depth_image_is_refused(message: SimpleNamespace, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        depth_from_message(message)
 
 
 class Kitchen:

@@ -11,6 +11,7 @@ import numpy as np
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import FrameTree, TransformError
 from estimation.geometry.rotations import quaternion_from_rotation
+from whereabouts.messages.compressed_depth import encoding_of
 from whereabouts.messages.decode import NANOSECONDS, nanoseconds, transforms
 from whereabouts.messages.records import strip_slash
 from whereabouts.recorded.camera_messages import (
@@ -25,8 +26,8 @@ from world_model.camera import CameraModel, CameraView, DepthImage, SightRates, 
 from world_model.camera.depth import ENCODINGS
 
 TF, INFO, IMAGE = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/Image"
-BOXES = "vision_msgs/msg/Detection2DArray"
-TYPES = (TF, INFO, IMAGE)
+BOXES, COMPRESSED = "vision_msgs/msg/Detection2DArray", "sensor_msgs/msg/CompressedImage"
+TYPES = (TF, INFO, IMAGE, COMPRESSED)
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class CameraLog:
         frame, stamp = strip_slash(str(message.header.frame_id)), nanoseconds(message.header.stamp)
         if kind == INFO:
             self._lenses.take_info(message, frame)
-        elif str(message.encoding) in ENCODINGS:
+        elif encoding_of(message) if kind == COMPRESSED else str(message.encoding) in ENCODINGS:
             kept = self._depths.setdefault(frame, Cameras())
             kept.keep(stamp, message)
 

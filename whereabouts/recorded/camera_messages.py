@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from estimation.errors import InputError
+from whereabouts.messages.compressed_depth import decompressed
 from world_model.camera import CameraModel, DepthImage, ImageBox
 
 KEPT = 30
@@ -34,7 +35,9 @@ def camera_from_message(message: Any, rectified: bool) -> CameraModel:
 
 
 def depth_from_message(message: Any) -> DepthImage:
-    """A sensor_msgs/Image with depths. Raises InputError naming the field."""
+    """A sensor_msgs/Image or CompressedImage with depths. Raises InputError naming the field."""
+    if hasattr(message, "format"):
+        return decompressed(message)
     size = (int(message.width), int(message.height))
     return DepthImage.decoded(
         size, str(message.encoding), bytes(message.data), int(message.step), bool(message.is_bigendian)

@@ -59,6 +59,7 @@ LIMITS: dict[str, dict[str, Limit]] = {
     "sensor_msgs/Image": {
         "height": (0, 1 << 16), "width": (0, 1 << 16), "step": (0, 1 << 20), "data": PAYLOAD,
     },
+    "sensor_msgs/CompressedImage": {"data": PAYLOAD},
     "sensor_msgs/CameraInfo": {"height": (0, 1 << 16), "width": (0, 1 << 16), "d": 64},
     "nav_msgs/MapMetaData": {"width": (0, 1 << 16), "height": (0, 1 << 16), "resolution": (1e-3, 100.0)},
     "nav_msgs/OccupancyGrid": {"data": 1 << 26},

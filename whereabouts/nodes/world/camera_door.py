@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, Image, LaserScan
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 from vision_msgs.msg import Detection2DArray, Detection3DArray
 
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
+from whereabouts.messages.compressed_depth import SUFFIXES
 from whereabouts.nodes.messages.conversions import scan_from_message
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS
@@ -63,7 +64,9 @@ class CameraDoor:
         self.kept = KeptFile(beside, "rates of detection", self.rates.read, self.rates.write)
         self.reset()
         node.add_input(CameraInfo, "camera_info", self._take_info, sensor=False)
-        kind, topic = (LaserScan, "scan") if self.from_scan else (Image, "depth")
+        topic = "scan" if self.from_scan else "depth"
+        packed = node.resolve_topic_name(topic).endswith(SUFFIXES)
+        kind = LaserScan if self.from_scan else CompressedImage if packed else Image
         self._depth = node.add_input(
             kind, topic, self._take_depth, sensor=False, packed=not self.from_scan, awaited=True
         )
