@@ -15,7 +15,7 @@ from registration.laser.prepared import NOTHING_SEEN, PreparedScan, ScanView
 from registration.placement.align import keep_open
 from registration.placement.consistency import Agreement, weigh
 from registration.placement.correlative import ROUGH, candidates
-from registration.placement.refine import NO_PRIOR, Refined, lead, refine
+from registration.placement.refine import EFFICIENCY, NO_PRIOR, Refined, lead, refine
 
 # Set on csail, an endless corridor and simulated floors, scans at a rate and a metre apart.
 WORTH = 0.7  # metres of agreeing outline that tell one nat
@@ -109,12 +109,16 @@ class MapMatcher:
         last : (3,) where the sensor was last sure to be, which is searched around where all else fails.
         """
         best = self._laid(scan, expected, expected.pose, self._doubt)
-        if expected.prior is not None and expected.against(best.refined.pose) > HELD:
-            # Lines that tell little of the way along a corridor let a scan slide along it; wheels hold it there.
-            held = self._laid(scan, expected, expected.pose, self._doubt, expected.prior)
-            there, kept = (0.5 * _square(one.refined.pose, *expected.prior) for one in (best, held))
-            if self.led(best, scan, held.refined.pose) <= min(there - kept, GROSS):
-                best = held
+        if expected.against(best.refined.pose) > HELD:
+            # Lines that tell little of the way along a corridor let a scan slide along it: the prediction holds it.
+            prior = expected.prior or (expected.pose, np.linalg.inv(expected.covariance / EFFICIENCY))
+            held = self._laid(scan, expected, expected.pose, self._doubt, prior)
+            if expected.prior is None:
+                best = max([best, held], key=_odds)
+            else:
+                there, kept = (0.5 * _square(one.refined.pose, *prior) for one in (best, held))
+                if self.led(best, scan, held.refined.pose) <= min(there - kept, GROSS):
+                    best = held
         if not best.sure:
             best = max([best, *self._search(scan, expected, expected.pose, NEAR_SEARCH)], key=_odds)
         if not best.believable:
