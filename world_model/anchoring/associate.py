@@ -56,9 +56,8 @@ class Association:
         variances = measured.covariances.diagonal(axis1=1, axis2=2)
         spread = np.sqrt(variances.max(1)) if M else np.zeros(0)
         sensor, known = sensor_array(measured.sensor), measured.sensor is not None
-        heights = np.sqrt(variances[:, 2])
-        born, gap, clutter = anchors.unseen.look(
-            measured.positions, heights, sensor, known, measured.silent, stamp, measured.view
+        born, returned, clutter = anchors.unseen.look(
+            measured.positions, np.sqrt(variances), sensor, known, measured.silent, stamp, measured.view
         )
         likelihood, where = anchors.vocabulary.likelihoods(measured.attributes), measured.positions
         spreads, none = measured.covariances, np.zeros(M)
@@ -73,7 +72,7 @@ class Association:
         seen = self._with_origins(seen, measured, room * born.sum(0), clutter)
         usual = float(np.median(spread)) if M else anchors.config.measurement_sigma
         reach = TOUCHING * usual if self.merging else 0.0
-        return Look(seen, born, gap, room, reach, chosen, clear, matrix, missing)
+        return Look(seen, born, returned, room, reach, chosen, clear, matrix, missing)
 
     def _room(self, seen: Detections, measured: Measurements, chosen: IntArray) -> FloatArray:
         """Probability (M,) that something new can be at each detection: it is not inside of a body."""
@@ -176,7 +175,7 @@ class Association:
 
     @staticmethod
     def _track(number: int, look: Look, j: int) -> Track:
-        return Track(number, number, born=look.born[:, j], unwatched=float(look.gap[j]))
+        return Track(number, number, born=look.born[:, j], returned=float(look.returned[j]))
 
     def _expect_company(self, look: Look, which: IntArray) -> None:
         """Far more unexplained detections than clutter ever makes are new objects that came together."""

@@ -25,7 +25,6 @@ from world_model.config import motion_of
 from world_model.state import WorldObject
 from world_model.symbols import parse_symbol
 
-RETURN_SECONDS = 10.0  # Mean time for which a carried object is out of sight
 LEAST_ODDS = 1e-3
 MOST_CANDIDATES = 3
 
@@ -92,9 +91,10 @@ class Recognition:
         classes = anchors.vocabulary.classes
         rows = leaves.attributes[slots, :classes].argmax(1) if classes else np.full(len(slots), classes)
         gone = self._away(slots, anchors.motion[rows, 2], float(leaves.first[new]))
-        back = 1.0 - np.exp(-track.unwatched / RETURN_SECONDS)
         alike = agreement(leaves.attributes[slots], leaves.attributes[new], anchors.vocabulary.blocks)
-        values: FloatArray = gone * back / anchors.unseen.volume / max(track.born.sum(), 1e-300) * alike
+        values: FloatArray = (
+            gone * track.returned / anchors.unseen.volume / max(track.born.sum(), 1e-300) * alike
+        )
         values[leaves.last[slots] >= leaves.first[new]] = 0.0
         own = leaves.values[new : new + 1], leaves.variances[new : new + 1]
         values *= np.exp(anchors.quantities.log_factors(leaves, slots, *own)[:, 0])

@@ -19,17 +19,25 @@ from world_model.camera.camera_view import CameraView
 from world_model.config import WorldModelConfig
 from world_model.evidence import SensorCone
 
-MOST_CELLS = 96
-SMALLEST_CELL = 0.25
-SAMPLES = 4  # per axis, in cells that the edge of the view crosses
+BLOCK = 4  # cells along which one look at what hides things is enough
+MOST_BLOCKS = 96
+SMALLEST_CELL = 0.0625  # m: a sensor that turns sees little more of what is beside it from look to look
+RETURN_SECONDS = 10.0  # Mean time for which a carried object is out of sight
 PADDING = 0.5  # m beyond the detections so far: what the detector may report
 HEIGHTS = 3  # at which a camera's view of a cell is sampled
 ENOUGH = 50  # detections that show where a detector reports anything at all
+_STEPS, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+AROUND = np.stack(np.meshgrid(_STEPS, _STEPS, indexing="ij"), -1).reshape(-1, 2)
+WEIGHTS = np.outer(_WEIGHTS, _WEIGHTS).ravel()
+"""Deviations in x and y at which a Gaussian is averaged, and what each counts."""
+OUT_OF_VIEW = (
+    1e-6  # What a place out of view counts beside those in view: where a detector sees more than was said
+)
 
 
 class Unseen:
     """Expected undetected objects per cell (2, nx, ny), of those from the beginning and of those that came later, as
-    configured, and when each cell was last looked at (s).
+    configured, and how probably something that is carried about and is in a cell has come there unseen (nx, ny).
 
     found, exposure (2,) : how many were found of each kind, and how many should have been as configured.
     """
@@ -38,7 +46,7 @@ class Unseen:
         self.region = np.array(config.region, dtype=float)
         self.config = config
         extent = self.region[:2, 1] - self.region[:2, 0]
-        counts = np.clip((extent / SMALLEST_CELL).astype(int), 1, MOST_CELLS)
+        counts = BLOCK * np.clip((extent / (BLOCK * SMALLEST_CELL)).astype(int), 1, MOST_BLOCKS)
         self.size = extent / counts
         xs, ys = (
             low + (np.arange(n) + 0.5) * s
@@ -53,7 +61,7 @@ class Unseen:
         shape = self.centres.shape[:2]
         self.expected: FloatArray = np.zeros((2, *shape))
         self.expected[0] = self.config.initial_objects / (shape[0] * shape[1])
-        self.looked: FloatArray = np.full(shape, -np.inf)
+        self.returned: FloatArray = np.ones(shape)
         self.stamp: float | None = None
         self.box: FloatArray | None = None
         self.volume = 1.0
@@ -82,18 +90,21 @@ class Unseen:
         stamp: float,
         view: CameraView | None = None,
     ) -> tuple[FloatArray, FloatArray, float]:
-        """Densities of undetected objects at detections (2, M) and of clutter, 1/m³, and for how long nobody had
-        looked there (M,), s; then take the look in.
+        """Densities of undetected objects at detections (2, M) and of clutter, 1/m³, and how probably what is carried
+        about has come there unseen (M,); then take the look in.
 
-        spread (M,) m: standard deviation in z. view : what of the sensor's cone it could see.
+        spread (M, 3) m: standard deviations. view : what of the sensor's cone it could see.
         """
         config = self.config
         elapsed = 0.0 if self.stamp is None else max(stamp - self.stamp, 0.0)
         self.stamp = stamp if self.stamp is None else max(stamp, self.stamp)
-        self._grow_box(positions, spread)
-        cell_count = self.looked.size
+        self._grow_box(positions, spread[:, 2])
+        cell_count = self.returned.size
         self.expected *= np.exp(-config.removed_per_second * elapsed)
         self.expected[1] += config.new_objects_per_second * elapsed / cell_count
+        still_away = np.exp(-elapsed / RETURN_SECONDS)
+        self.returned *= still_away
+        self.returned += 1.0 - still_away
         height = float(self.region[2, 1] - self.region[2, 0])
         area = float(np.prod(self.size))
         surface = area * cell_count
@@ -101,32 +112,47 @@ class Unseen:
             extent = self.box[:, 1] - self.box[:, 0]
             height = min(height, float(extent[2])) if height > 0.0 else float(extent[2])
             surface = min(surface, float(extent[0] * extent[1]))
-        shares = cells_in_view(self.centres, self.size, sensor) if known else np.ones(self.looked.shape)
+        shares = cells_in_view(self.centres, self.size, sensor) if known else np.ones(self.returned.shape)
         # False detections fall anywhere in the cone, also where a thing would be hidden or too small.
         seen = area * float(shares.sum())
         if view is not None and not silent:
             self._restrict(shares, view)
         volume = max(min(surface, seen) if seen > 0.0 else surface, area) * height
-        cells = self.cells(positions)
         scale = self.scale
-        density = scale[:, None] * self.expected[:, *cells] / (area * height)
-        gap = np.maximum(stamp - self.looked[cells], elapsed)
+        cells, weights = self._near(positions, spread, shares)
+        density = scale[:, None] * (weights * self.expected[:, *cells]).sum(2) / (area * height)
+        returned = (weights * self.returned[cells]).sum(1)
         self.volume = area * cell_count * height
         awaited = config.detection_probability * (shares * self.expected).sum((1, 2))
         self.awaited = float(scale @ awaited)
         if not silent:
             self.exposure += awaited
-            self.expected *= 1.0 - config.detection_probability * shares
-            self.looked[shares > 0.5] = stamp
-        return density, gap, config.clutter_per_frame / volume
+            missed = 1.0 - config.detection_probability * shares
+            self.expected *= missed
+            self.returned *= missed
+        return density, returned, config.clutter_per_frame / volume
+
+    def _near(
+        self, positions: FloatArray, spread: FloatArray, shares: FloatArray
+    ) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
+        """Cells (M, K) where what was detected may be, and what each counts: what is out of view was not detected."""
+        around = positions[:, None, :2] + spread[:, None, :2] * AROUND
+        cells = self.cells(around)
+        weights = WEIGHTS * np.maximum(shares[cells], OUT_OF_VIEW)
+        return cells, weights / weights.sum(1, keepdims=True)
 
     def _restrict(self, shares: FloatArray, view: CameraView) -> None:
-        """Lower the shares (nx, ny) of the cells by what could be seen there, in place."""
+        """Lower the shares (nx, ny) of the cells by what could be seen there, block by block, in place."""
         low, high = self.region[2] if self.box is None else self.box[2]
         heights = low + (np.arange(HEIGHTS) + 0.5) / HEIGHTS * (high - low)
-        cells = np.nonzero(shares > 0.0)
-        if len(cells[0]):
-            shares[cells] *= view.cells(self.centres[cells], heights, self._small)
+        nx, ny = shares.shape
+        blocks = shares.reshape(nx // BLOCK, BLOCK, ny // BLOCK, BLOCK)
+        some = blocks.any((1, 3))
+        if some.any():
+            centres = self.centres.reshape(*blocks.shape, 2).mean((1, 3))
+            seen = np.zeros(some.shape)
+            seen[some] = view.cells(centres[some], heights, self._small)
+            blocks *= seen[:, None, :, None]
 
     @property
     def scale(self) -> FloatArray:
@@ -134,9 +160,11 @@ class Unseen:
         return (1.0 + self.found) / (1.0 + self.exposure)
 
     def cells(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Indices of the cells of positions (M, 3), the nearest where outside."""
-        at = ((positions[:, :2] - self.region[:2, 0]) / self.size).astype(np.int64)
-        return np.clip(at[:, 0], 0, self.looked.shape[0] - 1), np.clip(at[:, 1], 0, self.looked.shape[1] - 1)
+        """Indices of the cells of positions (..., 2), the nearest where outside."""
+        at = ((positions - self.region[:2, 0]) / self.size).astype(np.int64)
+        most = np.array(self.returned.shape) - 1
+        at = np.clip(at, 0, most)
+        return at[..., 0], at[..., 1]
 
 
 def sensor_array(sensor: SensorCone | None) -> FloatArray:
@@ -150,26 +178,22 @@ def sensor_array(sensor: SensorCone | None) -> FloatArray:
 
 @numba.njit(cache=True)
 def cells_in_view(centres, size, sensor):  # type: ignore[no-untyped-def]
-    """Share (nx, ny) of each cell that a sensor sees, at its own height."""
+    """1 for each cell (nx, ny) whose middle a sensor sees, at its own height, else 0."""
     out = np.zeros(centres.shape[:2])
-    reach = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2)
-    planar = np.bool_(True)
+    reach = 0.5 * BLOCK * np.sqrt(size[0] ** 2 + size[1] ** 2)
     point = np.empty(3)
     point[2] = sensor[2]
-    for a in range(centres.shape[0]):
-        for b in range(centres.shape[1]):
-            point[0], point[1] = centres[a, b, 0], centres[a, b, 1]
+    for i in range(0, centres.shape[0], BLOCK):
+        for j in range(0, centres.shape[1], BLOCK):
+            point[:2] = 0.5 * (centres[i, j] + centres[i + BLOCK - 1, j + BLOCK - 1])
             if max(abs(point[0] - sensor[0]), abs(point[1] - sensor[1])) > sensor[5] + reach:
                 continue
-            inside = clearance(point, sensor, planar)
+            inside = clearance(point, sensor, np.bool_(True))
             if abs(inside) >= reach:
-                out[a, b] = 1.0 if inside > 0.0 else 0.0
+                out[i : i + BLOCK, j : j + BLOCK] = inside > 0.0
                 continue
-            seen = 0
-            for p in range(SAMPLES):
-                for q in range(SAMPLES):
-                    point[0] = centres[a, b, 0] + ((p + 0.5) / SAMPLES - 0.5) * size[0]
-                    point[1] = centres[a, b, 1] + ((q + 0.5) / SAMPLES - 0.5) * size[1]
-                    seen += clearance(point, sensor, planar) > 0.0
-            out[a, b] = seen / SAMPLES**2
+            for a in range(i, i + BLOCK):
+                for b in range(j, j + BLOCK):
+                    point[:2] = centres[a, b]
+                    out[a, b] = clearance(point, sensor, np.bool_(True)) > 0.0
     return out

@@ -18,8 +18,8 @@ from world_model.state import Box
 class Track:
     """One anchor: its number, its symbol once it is believed in, and whether a verification found it missing.
 
-    born : densities (2,) of undetected objects where it was first seen, 1/m³, see `Unseen`; unwatched : for how long
-    nobody had looked there, s. recognised : whether it has been compared with what was carried away. region : where it
+    born : densities (2,) of undetected objects where it was first seen, 1/m³, see `Unseen`; returned : how
+    probably what is carried about has come there unseen. recognised : whether it has been compared with what was carried away. region : where it
     may be once it is lost, None for anywhere.
     """
 
@@ -28,7 +28,7 @@ class Track:
     id: str | None = None
     lost: bool = False
     born: FloatArray = field(default_factory=lambda: np.zeros(2))
-    unwatched: float = np.inf
+    returned: float = 1.0
     recognised: bool = False
     region: Box | None = None
 

@@ -43,15 +43,15 @@ class Classes(NamedTuple):
 
 @dataclass
 class Look:
-    """seen : M detections. born (2, M) : densities of undetected objects there, 1/m³; gap (M,) : for how long nobody
-    had looked there, s; room (M,) : probability that something new can be there. reach : m at which two movers are
+    """seen : M detections. born (2, M) : densities of undetected objects there, 1/m³; returned (M,) : how
+    probably what is carried about has come there unseen; room (M,) : probability that something new can be there. reach : m at which two movers are
     detected as one, 0 where that is out of the question. chosen (n,) : leaves that the look concerns; clear (n,) :
     probability that being there would have meant being in view; matrix (n, M), missing (n, 2) : as `gating.weigh`
     returns them."""
 
     seen: Detections
     born: FloatArray
-    gap: FloatArray
+    returned: FloatArray
     room: FloatArray
     reach: float
     chosen: IntArray
