@@ -18,9 +18,9 @@ from world_model.state import Box
 class Track:
     """One anchor: its number, its symbol once it is believed in, and whether a verification found it missing.
 
-    born : densities (2,) of undetected objects where it was first seen, 1/m³, see `Unseen`; returned : how
-    probably what is carried about has come there unseen. recognised : whether it has been compared with what was carried away. region : where it
-    may be once it is lost, None for anywhere.
+    born : densities (2,) of undetected objects where it was first seen, 1/m³, see `Unseen`; returned : how probably
+    what is carried about has come there unseen. recognised : whether it has been compared with what was carried away.
+    region : where it may be once it is lost, None for anywhere.
     """
 
     number: int

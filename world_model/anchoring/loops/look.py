@@ -43,11 +43,11 @@ class Classes(NamedTuple):
 
 @dataclass
 class Look:
-    """seen : M detections. born (2, M) : densities of undetected objects there, 1/m³; returned (M,) : how
-    probably what is carried about has come there unseen; room (M,) : probability that something new can be there. reach : m at which two movers are
-    detected as one, 0 where that is out of the question. chosen (n,) : leaves that the look concerns; clear (n,) :
-    probability that being there would have meant being in view; matrix (n, M), missing (n, 2) : as `gating.weigh`
-    returns them."""
+    """seen : M detections. born (2, M) : densities of undetected objects there, 1/m³; returned (M,) : how probably what
+    is carried about has come there unseen; room (M,) : probability that something new can be there. reach : m at which
+    two movers are detected as one, 0 where that is out of the question. chosen (n,) : leaves that the look concerns;
+    clear (n,) : probability that being there would have meant being in view; matrix (n, M), missing (n, 2) : as
+    `gating.weigh` returns them."""
 
     seen: Detections
     born: FloatArray
