@@ -35,6 +35,8 @@ def parameters(choice: Choice) -> dict[str, dict[str, Any]]:
         by_node |= {"target_tracker": {"scan_topic": scan}, "verifier": {"scan_topic": scan}}
     elif cloud:
         by_node["verifier"] = {"cloud_topic": cloud}
+    if choice.detector:
+        by_node["world_model"] = dict(choice.detector)
     for node, given in choice.preset.items():
         by_node.setdefault(node, {}).update(given)
     return {"/**": shared, **by_node}

@@ -12,9 +12,23 @@ from whereabouts.logs import Qos
 from whereabouts.nodes.live.listener import listen
 from whereabouts.nodes.runtime.dead_ends import full_name
 from whereabouts.robot.bags import look_at_message
-from whereabouts.robot.survey import CLOUD, IMU, ODOMETRY, SCAN, TF, SeenTopic, Survey
+from whereabouts.robot.survey import (
+    BOXES,
+    CAMERA_INFO,
+    CLOUD,
+    DETECTIONS,
+    IMAGE,
+    IMU,
+    ODOMETRY,
+    SCAN,
+    TF,
+    SeenTopic,
+    Survey,
+)
 
-HEARD = (SCAN, CLOUD, ODOMETRY, IMU, TF, "diagnostic_msgs/msg/DiagnosticArray")
+HEARD = (
+    SCAN, CLOUD, ODOMETRY, IMU, TF, IMAGE, CAMERA_INFO, BOXES, DETECTIONS, "diagnostic_msgs/msg/DiagnosticArray"
+)  # fmt: skip
 NAMES = {
     ReliabilityPolicy.BEST_EFFORT: "best_effort", ReliabilityPolicy.RELIABLE: "reliable",
     DurabilityPolicy.VOLATILE: "volatile", DurabilityPolicy.TRANSIENT_LOCAL: "transient_local",
@@ -42,7 +56,7 @@ def survey_graph(seconds: float) -> Survey:
                 seen.publishers = tuple(sorted(map(full_name, infos)))
                 seen.qos = tuple(_offer(info.qos_profile) for info in infos)
 
-    listen("whereabouts_doctor", HEARD, take, seconds=seconds, on_look=look)
+    listen("whereabouts_doctor", HEARD, take, seconds=seconds, on_look=look, brief=(IMAGE,))
     survey.troubles += _troubles(suite)
     return survey
 
