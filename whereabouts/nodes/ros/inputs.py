@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 WAITING_LIMIT = 64
 LATENCY_WINDOW = 2000
+# s, and periods, without a message from which on one that came steadily has stopped.
+SILENT, SILENT_PERIODS = 3.0, 10
 # The stamps that a message can carry.
 EARLIEST, LATEST = -(2**31) * NANOSECONDS, (2**31 - 1) * NANOSECONDS
 
@@ -199,6 +201,12 @@ class Input:
     def silence(self, arrived: float) -> int:
         """Time since the last message that was let in, ns."""
         return round((arrived - self._admitted) * NANOSECONDS) if self._admitted else 0
+
+    def stopped(self, now: float) -> float:
+        """Seconds for which nothing has come where messages came steadily before; 0 where they do, or never did."""
+        silent = self.silence(now) / NANOSECONDS
+        usual = SILENT_PERIODS * self.gaps.steady / NANOSECONDS
+        return silent if usual and silent > max(usual, SILENT) else 0.0
 
     def behind(self, stamp: int) -> int:
         """How far a stamp is behind what more than one message speaks for, ns; negative for one ahead."""
