@@ -509,7 +509,9 @@ def test_the_file_is_yaml_whatever_the_sentences_are(tmp_path: Path) -> None:
 
     survey = survey_bag(bag)
     choice = choose(survey)
-    content = yaml.safe_load(as_text(choice, findings(survey, choice), "a:\n b"))
+    text = as_text(choice, findings(survey, choice), "a:\n b", "found.yaml")
+    assert "run --config found.yaml" in text
+    content = yaml.safe_load(text)
     assert content["/**"]["ros__parameters"]["base_frame"] == "base_footprint"
 
 

@@ -42,15 +42,15 @@ def parameters(choice: Choice) -> dict[str, dict[str, Any]]:
     return {"/**": shared, **by_node}
 
 
-def as_text(choice: Choice, said: list[Finding], source: str) -> str:
-    """The file, with what was found as comments above it."""
+def as_text(choice: Choice, said: list[Finding], source: str, name: str = "robot.yaml") -> str:
+    """The file of a name, with what was found as comments above it."""
     lines = [
         f"# Written by `whereabouts setup` from {' '.join(source.split())}. It is an ordinary ROS parameter file:"
     ]
     space = choice.namespace
     lines += [
-        f"#   whereabouts run --config robot.yaml{f' --namespace {space}' if space else ''}",
-        "#   ros2 launch whereabouts suite.launch.py params_file:=robot.yaml"
+        f"#   whereabouts run --config {name}{f' --namespace {space}' if space else ''}",
+        f"#   ros2 launch whereabouts suite.launch.py params_file:={name}"
         + (f" namespace:={space.strip('/')}" if space else ""),
     ]
     for finding in said:
