@@ -17,7 +17,15 @@ from estimation.geometry.places import Places
 from world_model import WorldModel, WorldObject, WorldState, ask
 from world_model.memory.store import Store, StoreError
 from world_model.memory.store_file import StoreVersionError
-from world_model.questions import CAN_BE_ASKED, NothingKnownError, moment, recall, where_is, where_was
+from world_model.questions import (
+    CAN_BE_ASKED,
+    NothingKnownError,
+    moment,
+    recall,
+    where_is,
+    where_to_look,
+    where_was,
+)
 
 HOME = Places.load(str(files("world_model").joinpath("defaults/home.yaml")))
 SPOTS = {
@@ -485,3 +493,10 @@ def test_the_future_and_before_all_memory_are_not_made_up(store: Store) -> None:
     answer = ask(store, "where was cup-1 at 2020-01-01T10:00?")
     assert answer.value is None
     assert "Nothing is known" in answer.sentence
+
+
+def test_without_named_places_it_is_said_what_names_them_and_what_is_known(tmp_path: Path) -> None:
+    with lived(tmp_path / "bare.sqlite", None) as bare, pytest.raises(NothingKnownError) as error:
+        where_to_look(recall(bare), "blue cup")
+    assert "places_file" in str(error.value)
+    assert "cup-2 (blue) is at (3.00, 0.30, 1.10) m" in str(error.value)
