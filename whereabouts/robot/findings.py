@@ -232,7 +232,7 @@ def _odometry(survey: Survey, choice: Choice) -> Iterator[Finding]:
         yield note(f"the base publishes {link} and keeps it: scan_registration publishes messages only")
     else:
         yield note(f"scan_registration publishes {link}")
-    if choice.map_published:
+    if choice.map_published and not any(name.endswith("/loop_closure") for name in survey.suite):
         yield warning(
             f"'{choice.map_frame}' -> '{choice.odom_frame}' is published already, by a mapper or localiser: "
             "loop_closure leaves it alone. To have the map of this suite switch that off, and set loop_closure's "

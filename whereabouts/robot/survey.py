@@ -126,6 +126,7 @@ class Survey:
 
     source : the bag, or "the running robot". live : whether it was running. seconds : that were looked at.
     left_out : what of a bag cannot be read, with the reason. troubles : what running nodes of the suite complain about.
+    suite : their names.
     """
 
     source: str
@@ -135,6 +136,7 @@ class Survey:
     edges: dict[tuple[str, str], FrameEdge] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     troubles: list[str] = field(default_factory=list)
+    suite: frozenset[str] = frozenset()
 
     def of(self, *kinds: str) -> list[SeenTopic]:
         """Topics of some types, by name."""

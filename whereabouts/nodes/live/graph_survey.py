@@ -10,6 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from whereabouts.logs import Qos
 from whereabouts.nodes.live.listener import listen
+from whereabouts.nodes.ros.inputs import EARLY
 from whereabouts.nodes.runtime.dead_ends import full_name
 from whereabouts.robot.bags import look_at_message
 from whereabouts.robot.survey import (
@@ -57,6 +58,13 @@ def survey_graph(seconds: float) -> Survey:
                 seen.qos = tuple(_offer(info.qos_profile) for info in infos)
 
     listen("whereabouts_doctor", HEARD, take, seconds=seconds, on_look=look, brief=(IMAGE,))
+    survey.suite = frozenset(f"/{name}" for name in suite)
+    # What the suite says itself is none of the robot's sensors.
+    survey.topics = {
+        name: seen
+        for name, seen in survey.topics.items()
+        if not seen.publishers or not survey.suite.issuperset(seen.publishers)
+    }
     survey.troubles += _troubles(suite)
     return survey
 
@@ -71,7 +79,11 @@ def _troubles(suite: dict[str, Any]) -> list[str]:
             "stop them before `whereabouts setup`"
         )
     for name, said in sorted(suite.items()):
-        drops = [f"{item.key}: {item.value}" for item in said.values if " dropped, " in item.key]
+        drops = [
+            f"{item.key}: {item.value}"
+            for item in said.values
+            if " dropped, " in item.key and not item.key.endswith(EARLY)
+        ]
         if said.level != DiagnosticStatus.OK or drops:
             troubles.append(f"{name}: {'; '.join([said.message, *drops])}")
     return troubles

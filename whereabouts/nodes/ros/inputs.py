@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 WAITING_LIMIT = 64
 LATENCY_WINDOW = 2000
+# A reason for dropping the first messages that is no trouble: tf was still to begin. More of them are told of.
+EARLY, EARLY_ONES = "before the first transform", 5
 # s, and periods, without a message from which on one that came steadily has stopped.
 SILENT, SILENT_PERIODS = 3.0, 10
 # The stamps that a message can carry.
@@ -256,6 +258,10 @@ class Input:
         try:
             self._handler(waiting.message, waiting.stamp)
         except (InputError, TransformError) as error:
+            too_old = isinstance(error, TransformError) and not error.later
+            if too_old and not self.counts.used and self.counts.drops[EARLY] < EARLY_ONES:
+                self.counts.drops[EARLY] += 1
+                return
             self.drop("refused", str(error))
             return
         except Exception as error:
