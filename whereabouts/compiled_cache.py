@@ -22,6 +22,11 @@ def note_of(root: Path) -> Path:
     return root / PACKAGES[0] / "__pycache__" / NOTE
 
 
+def is_compiled(root: Path) -> bool:
+    """Whether everything under `root` was compiled once, as far as can be told."""
+    return note_of(root).is_file()
+
+
 def digests(root: Path) -> dict[str, str]:
     """Digest of each source of the packages under `root`, by its path from there."""
     files = (path for name in PACKAGES for path in (root / name).rglob("*.py"))

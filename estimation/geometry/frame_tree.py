@@ -24,6 +24,13 @@ class TransformError(WhereaboutsError):
         self.later = later
 
 
+class NotYetError(TransformError):
+    """The frames are there, but were not placed yet as late as asked for."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, later=True)
+
+
 class MovingFrame:
     """Stamped poses of one frame in its parent over the last ten seconds, interpolated in between.
 
@@ -86,9 +93,8 @@ class MovingFrame:
         assert oldest is not None
         assert newest is not None
         if stamp > newest:
-            return TransformError(
-                f"{self._name}: {(stamp - newest) / SECOND:.3f} s newer than the newest transform", later=True
-            )
+            late = (stamp - newest) / SECOND
+            return NotYetError(f"{self._name}: {late:.3f} s newer than the newest transform")
         return TransformError(
             f"{self._name}: {(oldest - stamp) / SECOND:.3f} s older than the oldest transform", later=False
         )

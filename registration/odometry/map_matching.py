@@ -111,7 +111,8 @@ class MapMatcher:
         best = self._laid(scan, expected, expected.pose, self._doubt)
         if expected.against(best.refined.pose) > HELD:
             # Lines that tell little of the way along a corridor let a scan slide along it: the prediction holds it.
-            prior = expected.prior or (expected.pose, np.linalg.inv(expected.covariance / EFFICIENCY))
+            motion = expected.pose, np.asarray(np.linalg.inv(expected.covariance / EFFICIENCY))
+            prior = expected.prior or motion
             held = self._laid(scan, expected, expected.pose, self._doubt, prior)
             if expected.prior is None:
                 best = max([best, held], key=_odds)

@@ -12,13 +12,27 @@ from registration.laser.scan import Scan
 Array = NDArray[np.float64]
 NANOSECONDS = 1_000_000_000
 HISTORY = 30 * NANOSECONDS
+# m or rad, and m/s or rad/s, that no wheels drive between two readings: their driver has started anew, elsewhere.
+LEAP, FASTEST = 1.0, 10.0
 
 
 class WheelHistory(StampedHistory[Array]):
-    """Planar poses (3,) x, y, yaw of the last half minute, in the wheels' own frame. Stamps are nanoseconds."""
+    """Planar poses (3,) x, y, yaw of the last half minute, in the wheels' own frame. Stamps are nanoseconds.
+
+    A pose that no wheels drive to from the newest is in a frame of its own: those before it are forgotten.
+    """
 
     def __init__(self) -> None:
         super().__init__(HISTORY)
+
+    def insert(self, stamp: int, value: Array) -> None:
+        """Add a pose (3,), and drop those that have become too old."""
+        for newest, before in self.latest(1):
+            away = between(before, value)
+            reach = LEAP + FASTEST * abs(stamp - newest) / NANOSECONDS
+            if max(float(np.hypot(away[0], away[1])), abs(float(away[2]))) > reach:
+                self.clear()
+        super().insert(stamp, value)
 
     def motion(self, start: int, end: int, max_age: float) -> Array | None:
         """Motion (3,) from one stamp to another in the robot frame at the first, None where the wheels say nothing.

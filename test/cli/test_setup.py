@@ -27,7 +27,7 @@ from whereabouts.logs import (
     Topic,
     TransformRecord,
 )
-from whereabouts.logs.bags.encode import scan_message, transform_message
+from whereabouts.logs.bags.encode import header, scan_message, transform_message
 from whereabouts.logs.bags.ros_types import standard_types
 from whereabouts.logs.writer import LATCHED
 from whereabouts.parameter_file import problems_of_file, settings_for
@@ -35,7 +35,8 @@ from whereabouts.robot.choice import choose
 from whereabouts.robot.findings import findings
 from whereabouts.robot.preset import preset, preset_names
 from whereabouts.robot.robot_file import as_text
-from whereabouts.robot.survey import Survey
+from whereabouts.robot.survey import BOXES, CAMERA_INFO, DETECTIONS, IMAGE, Survey
+from whereabouts.simulation.world_bag import SuiteMessages
 from whereabouts.suite_config import SuiteConfigError, read_config
 
 runner = CliRunner()
@@ -83,6 +84,62 @@ class RobotRecording:
             stamp = 101.0 + 0.1 * k
             record_ = OdometryRecord(np.array([0.01 * k, 0.0, 0.0]), stamp, topic, frame, child)
             self.writer.write_odometry(record_, round(1e9 * stamp))
+
+    def camera(self, kind: str, frame: str = "eye", image: str = "eye") -> None:
+        """A lens, pictures and depth images, and a detector of a kind in a frame; images : frame of the depth."""
+        messages = SuiteMessages(BOXES, DETECTIONS)
+        told: list[tuple[str, str, dict[str, Any]]] = [
+            ("/eye/lens", CAMERA_INFO, {"header": header(101 * 10**9, "eye"), "width": 160, "height": 120}),
+            ("/eye/color", IMAGE, {"header": header(101 * 10**9, "eye"), "encoding": "rgb8"}),
+            ("/eye/aligned", IMAGE, {"header": header(101 * 10**9, image), "encoding": "16UC1"}),
+            *((("/found", kind, {"header": header((202 + k) * 10**9 // 2, frame)})) for k in range(5)),
+            ("/world/objects", DETECTIONS, {"header": header(101 * 10**9, "map")}),
+        ]
+        for topic, name, fields in told:
+            where = messages.topic(topic, name) if name in (BOXES, DETECTIONS) else Topic(topic, name)
+            data = messages.serialized(messages.make(name, **fields), name)
+            self.writer.write_raw(where, data, 101 * 10**9)
+
+
+def camera_of(tmp_path: Path, *camera: str) -> tuple[Result, Any]:
+    """What is said, and given to world_model, of a robot with a scanner and such a camera."""
+    bag = tmp_path / "camera.mcap"
+    with RobotRecording(bag) as robot:
+        robot.fixed("base_link", "laser")
+        robot.scans()
+        robot.camera(*camera)
+    result, given = set_up(bag, tmp_path)
+    assert result.exit_code == 0, result.output
+    assert problems_of_file(tmp_path / "robot.yaml") == []
+    return result, given.get("world_model")
+
+
+@pytest.mark.parametrize(
+    ("kind", "frame", "topic"),
+    [
+        (BOXES, "eye", "detections_2d_topic"),
+        (DETECTIONS, "eye", "detections_topic"),
+        (DETECTIONS, "base_link", "detections_topic"),
+    ],
+)
+def test_a_detector_and_its_camera_are_connected(kind: str, frame: str, topic: str, tmp_path: Path) -> None:
+    result, given = camera_of(tmp_path, kind, frame)
+    assert given == {
+        topic: "/found", "rate_hz": 2.0, "camera_info_topic": "/eye/lens", "depth_topic": "/eye/aligned"
+    }  # fmt: skip
+    assert "note: objects: /found, /eye/lens, /eye/aligned" in result.output
+    assert "note: not used: /eye/color" in result.output
+
+
+def test_boxes_without_a_depth_image_of_their_frame_are_placed_by_the_scanner(tmp_path: Path) -> None:
+    _, given = camera_of(tmp_path, BOXES, "eye", "infrared")
+    assert (given["depth_from_scan"], given["scan_topic"]) == (True, "/scan")
+
+
+def test_boxes_in_an_image_that_no_lens_is_of_are_warned_of(tmp_path: Path) -> None:
+    result, given = camera_of(tmp_path, BOXES, "other")
+    assert "warning: /found: no CameraInfo has its frame 'other'" in result.output
+    assert given == {"detections_2d_topic": "/found", "rate_hz": 2.0}
 
 
 def test_a_base_that_places_its_footprint_keeps_it(tmp_path: Path) -> None:
@@ -452,7 +509,9 @@ def test_the_file_is_yaml_whatever_the_sentences_are(tmp_path: Path) -> None:
 
     survey = survey_bag(bag)
     choice = choose(survey)
-    content = yaml.safe_load(as_text(choice, findings(survey, choice), "a:\n b"))
+    text = as_text(choice, findings(survey, choice), "a:\n b", "found.yaml")
+    assert "run --config found.yaml" in text
+    content = yaml.safe_load(text)
     assert content["/**"]["ros__parameters"]["base_frame"] == "base_footprint"
 
 

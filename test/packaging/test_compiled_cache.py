@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from whereabouts.compiled_cache import dependents, digests, forget_stale, keep_note
+from whereabouts.compiled_cache import dependents, digests, forget_stale, is_compiled, keep_note
 
 SOURCES = {
     "estimation/__init__.py": "",
@@ -52,7 +52,9 @@ def test_without_a_note_everything_is_forgotten_but_what_python_itself_checks(tr
 
 
 def test_nothing_is_forgotten_where_nothing_changed(tree: Path) -> None:
+    assert not is_compiled(tree)
     keep_note(tree)
+    assert is_compiled(tree)
     assert forget_stale(tree) == 0
     assert compiled(tree) == set(SOURCES)
 

@@ -64,3 +64,14 @@ def test_the_motion_in_a_sweep_is_told_once_half_of_it_is_known() -> None:
 def test_history_is_bounded() -> None:
     wheels = history(step=0.05, end=100.0)
     assert len(wheels) <= 601
+
+
+def test_wheels_that_begin_anew_tell_nothing_of_the_motion_between() -> None:
+    """Their driver was started again: the pose leaps to zero, and the robot has not moved."""
+    wheels = history(end=5.0, offset=np.array([3.0, 1.0, 0.5]))
+    for time in np.arange(5.0, 8.0, 0.05):
+        wheels.insert(round(time * NANOSECONDS), between(on_circle(5.0), on_circle(float(time))))
+    assert wheels.motion(round(4.9e9), round(5.1e9), 0.5) is None
+    motion = wheels.motion(round(5.1e9), round(5.3e9), 0.5)
+    assert motion is not None
+    assert np.allclose(motion, between(on_circle(5.1), on_circle(5.3)), atol=2e-3)

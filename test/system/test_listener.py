@@ -8,7 +8,7 @@ import numpy as np
 from harness import Graph, mounting, room, scan_message
 from nav_msgs.msg import OccupancyGrid
 from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import Image, LaserScan
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
@@ -53,3 +53,20 @@ def test_sensors_and_what_was_said_before_are_heard_and_drawn(graph: Graph) -> N
     assert len(drawn["map/odom/base_link/laser/scan"].positions) == int(simulated.valid.sum())
     assert not scene.skipped
     assert len(others) == 2
+
+
+def test_a_topic_of_which_one_message_tells_all_is_left_after_it(graph: Graph) -> None:
+    """Pictures of a camera would take the time that is needed for the rest."""
+    heard: list[str] = []
+    node = graph.node
+    pictures = node.create_publisher(Image, "color", 1)
+    kind = "sensor_msgs/msg/Image"
+    listener = Listener(node, (kind,), lambda kind, topic, *_: heard.append(topic), brief=(kind,))
+
+    def left() -> bool:
+        listener.look()
+        pictures.publish(Image())
+        return bool(heard) and node.count_subscribers("/color") == 0
+
+    graph.until(left, "the pictures are listened to no more")
+    assert listener.look() == []

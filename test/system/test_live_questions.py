@@ -89,6 +89,13 @@ def test_a_world_model_that_has_seen_nothing_is_not_to_be_started(
         pass
 
 
+def test_a_suite_in_another_namespace_is_told_of(graph: Graph, client: Client) -> None:
+    graph.start("loop_closure", namespace="/robot1")
+    graph.until(lambda: client.elsewhere("map"), "the other namespace is seen")
+    with pytest.raises(NoWorldError, match="There is one with --namespace /robot1"):
+        live_actions.act(client, "save_map", path="")
+
+
 def test_other_places_are_those_of_the_question(graph: Graph, client: Client) -> None:
     world = World(graph)
     world.look(0.0, 12, seen(ON_TABLE, "cup", "red"))

@@ -214,8 +214,26 @@ def test_a_running_robot_is_looked_at(graph: Graph, tmp_path: Path) -> None:
     said = examine("setup", "--out", str(tmp_path / "robot.yaml"), "--seconds", "3")
     assert any("following /scan" in text for _, text in said)
     assert any(text.startswith("nodes of the suite are running: /scan_registration.") for _, text in said)
+    assert not any("static_points" in text for _, text in said), "it is the suite's own"
     assert any("scan_registration" in text and "/scan dropped, no transform: 1" in text for _, text in said)
     second = graph.node.create_publisher(LaserScan, "scan", 1)
     said = examine("doctor", "--seconds", "3")
     assert ("error", "/scan has two publishers: /tester, /tester") in said
     graph.node.destroy_publisher(second)
+
+
+def test_what_comes_before_the_first_transform_is_counted_and_no_trouble(graph: Graph) -> None:
+    robot = Robot(graph)
+    graph.start("target_tracker")
+    graph.mount()
+    still = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    graph.publish("tf", TFMessage(transforms=[transform_message("odom", "base_link", START, still)]))
+    graph.publish("scan", scan_message(robot.scan(-0.1)))
+    told = graph.until(
+        lambda: (
+            robot.figures().get("/scan dropped, before the first transform") == "1" and robot.diagnostics[-1]
+        ),
+        "the scan is counted",
+    )
+    assert all(status.level == DiagnosticStatus.OK for array in robot.diagnostics for status in array.status)
+    assert told.status[0].name == "target_tracker"

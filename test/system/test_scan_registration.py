@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
 from harness import START, Graph, Robot, planar, scan_message, wheel_message
 from lifecycle_msgs.msg import State, Transition
@@ -385,3 +386,18 @@ def test_stamps_are_kept_to_the_nanosecond(graph: Graph) -> None:
     settled(robot, 1)
     assert nanoseconds(robot.odometry[0].header.stamp) == 1_700_000_000_123_456_789
     assert np.allclose(planar(robot.odometry[0].pose.pose), 0.0)
+
+
+def test_a_scanner_that_stops_is_told_of_until_it_goes_on(graph: Graph) -> None:
+    robot = Robot(graph)
+    graph.start("scan_registration", segment_scans=False)
+    graph.mount()
+    robot.go(0.0, 1.5)
+
+    def said() -> str:
+        return str(robot.diagnostics[-1].status[0].message) if robot.diagnostics else ""
+
+    graph.until(lambda: "nothing has come on /scan for" in said(), "it says that the scanner has stopped")
+    assert robot.diagnostics[-1].status[0].level == DiagnosticStatus.WARN
+    robot.go(1.5, 1.7)
+    graph.until(lambda: said() == "following", "it follows again")

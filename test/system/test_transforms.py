@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
+from whereabouts.nodes.messages.frame_owner import FrameOwner
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.messages.transforms import TransformBuffer, transform_message
 
@@ -85,6 +86,18 @@ def test_what_may_still_come_is_told_from_what_will_not() -> None:
     insert(buffer, "other", "laser", 0, np.eye(4), static=True)
     with pytest.raises(TransformError, match="not connected"):
         buffer.lookup("odom", "laser", 10 * SECOND)
+
+
+def test_what_is_missing_comes_with_what_to_do() -> None:
+    buffer = TransformBuffer()
+    insert(buffer, "odom", "base_footprint", 10 * SECOND, np.eye(4))
+    assert "is it on tf" in buffer.missing([("odom", "laser")], 10 * SECOND)
+    assert "transform_timeout" in buffer.missing([("odom", "base_footprint")], 11 * SECOND)
+    insert(buffer, "base_footprint", "base_plate", 0, np.eye(4), static=True)
+    insert(buffer, "base_plate", "base_link", 0, np.eye(4), static=True)
+    owner = FrameOwner("odom", "base_link")
+    assert not owner.takes(10 * SECOND, buffer)
+    assert "Set base_frame: base_footprint for all nodes" in owner.withheld
 
 
 def test_history_is_bounded_and_a_jump_back_clears_it() -> None:

@@ -24,6 +24,7 @@ from world_model.questions import (
     recall,
     what_was_not_seen,
     where_is,
+    where_to_look,
     where_was,
 )
 
@@ -551,3 +552,10 @@ def test_the_future_and_before_all_memory_are_not_made_up(store: Store) -> None:
     answer = ask(store, "where was cup-1 at 2020-01-01T10:00?")
     assert answer.value is None
     assert "Nothing is known" in answer.sentence
+
+
+def test_without_named_places_it_is_said_what_names_them_and_what_is_known(tmp_path: Path) -> None:
+    with lived(tmp_path / "bare.sqlite", None) as bare, pytest.raises(NothingKnownError) as error:
+        where_to_look(recall(bare), "blue cup")
+    assert "places_file" in str(error.value)
+    assert "cup-2 (blue) is at (3.00, 0.30, 1.10) m" in str(error.value)

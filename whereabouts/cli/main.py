@@ -96,7 +96,8 @@ def _missing(module: str) -> str:
     if package == "rclpy" or package.endswith("_msgs"):
         return (
             f"this command needs ROS 2, and {package} is not installed here: "
-            "use the environment that `make demo` sets up, or source a ROS 2 workspace that has it"
+            "use the environment that `make demo` sets up, source a ROS 2 workspace that has it, or install the wheel "
+            "with its extra [ros]"
         )
     return ""
 

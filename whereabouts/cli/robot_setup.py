@@ -78,7 +78,7 @@ def setup(
             f"{out} was not written: {counted(errors, 'thing stands', 'things stand')} in the way"
         )
     with atomic_path(out) as temporary:
-        temporary.write_text(as_text(choice, said, survey.source), encoding="utf-8")
+        temporary.write_text(as_text(choice, said, survey.source, shlex.quote(out.name)), encoding="utf-8")
     bag_option = f" --bag {shlex.quote(str(bag))}" if bag is not None else ""
     space = f" --namespace {choice.namespace}" if choice.namespace else ""
     typer.echo(f"written: {out}. Next: whereabouts run --config {shlex.quote(str(out))}{space}{bag_option}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from whereabouts.cli.common import Namespace, argument, file_to_write, option, target_file, target_folder
+from whereabouts.compiled_cache import is_compiled
 from whereabouts.node_names import NODES
 from whereabouts.system.counting import counted
 
@@ -103,6 +104,13 @@ def run(
     target_folder(chosen.logs)
     if chosen.out is not None and chosen.out.suffix == ".mcap":
         target_file(chosen.out)
+    root = Path(__file__).parents[2]
+    if not is_compiled(root) and os.access(root, os.W_OK):
+        typer.echo(
+            "nothing is compiled yet, so that the nodes start after minutes: `python3 -m whereabouts.compile` "
+            "compiles once and for all",
+            err=True,
+        )
     # A bag must not mix with a robot, nor with another bag.
     prepare_environment(private=chosen.bag is not None)
     if chosen.bag is None:

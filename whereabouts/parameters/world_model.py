@@ -62,9 +62,16 @@ class WorldModelParameters(MapFrame, BaseFrame, FileParameters):
         ge=0.0,
         le=1.0,
     )
+    detections_topic: str = setting("detections", "topic of detections in space", fixed=True)
+    detections_2d_topic: str = setting("detections_2d", "topic of boxes in the camera's image", fixed=True)
+    camera_info_topic: str = setting("camera_info", "topic of the camera's lens", fixed=True)
+    depth_topic: str = setting("depth", "topic of depth images, registered to the camera's image", fixed=True)
     depth_from_scan: bool = setting(
-        False, "how far away things are, and what hides them, comes from `scan`, not from `depth`", fixed=True
+        False,
+        "how far away things are, and what hides them, comes from scan_topic, not depth_topic",
+        fixed=True,
     )
+    scan_topic: str = setting("scan", "topic of the planar scanner, for depth_from_scan", fixed=True)
     camera_rectified: bool = setting(
         False, "detections are in straightened images: of camera_info counts P alone", fixed=True
     )

@@ -10,7 +10,7 @@ from whereabouts.logs import RawMessage, convert_log, open_raw
 from whereabouts.logs.format_detection import detect
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, scans, seconds
 from whereabouts.messages.records import TransformRecord, strip_slash
-from whereabouts.robot.survey import ODOMETRY, SCAN, TF, SeenTopic, Survey
+from whereabouts.robot.survey import IMAGE, ODOMETRY, SCAN, TF, SeenTopic, Survey
 from whereabouts.system.log_errors import UnreadableTypeError
 
 # What a recording holds shows within its first minute, but for transforms that are latched later.
@@ -86,3 +86,5 @@ def _understand(survey: Survey, seen: SeenTopic, message: Any, received: float) 
         seen.empty += not any(record.scan.valid.any() for record in scans(message, seen.name))
     elif seen.kind == ODOMETRY:
         seen.child = strip_slash(message.child_frame_id)
+    elif seen.kind == IMAGE:
+        seen.encoding = message.encoding

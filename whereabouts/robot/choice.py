@@ -4,8 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from whereabouts.node_interfaces import NODE_INTERFACES
 from whereabouts.robot.preset import Preset, usual_names
-from whereabouts.robot.survey import CLOUD, ODOMETRY, SCAN, SeenTopic, Survey
+from whereabouts.robot.survey import (
+    BOXES,
+    CAMERA_INFO,
+    CLOUD,
+    DETECTIONS,
+    IMAGE,
+    ODOMETRY,
+    SCAN,
+    SeenTopic,
+    Survey,
+)
+from world_model.camera.depth import ENCODINGS
 
 
 @dataclass
@@ -14,7 +26,8 @@ class Choice:
 
     scans, clouds, wheels : topics; the first scanner or cloud is the one that is followed. base_publishes_tf : whether
     odom_frame -> base_frame is placed by somebody else already; map_publisher : whether map -> odom is.
-    namespace : that of tf, in which the nodes have to run. preset : parameters of nodes by name.
+    namespace : that of tf, in which the nodes have to run. detector : parameters of world_model for what detects
+    objects, and for its camera. preset : parameters of nodes by name.
     """
 
     base_frame: str = "base_link"
@@ -27,6 +40,7 @@ class Choice:
     map_published: bool = False
     sim_time: bool = False
     namespace: str = ""
+    detector: dict[str, object] = field(default_factory=dict)
     preset: dict[str, dict[str, object]] = field(default_factory=dict)
 
 
@@ -50,6 +64,7 @@ def choose(survey: Survey, wanted: Preset | None = None) -> Choice:
     elif wanted is not None:
         choice.scans = list(wanted.scan_topics)
     choice.wheels = _wheels(survey, wanted)
+    choice.detector = _detector(survey, choice.scans)
     _frames(choice, survey, followed[0].frame if followed else "", wanted)
     return choice
 
@@ -102,6 +117,34 @@ def _wheels(survey: Survey, wanted: Preset | None) -> str:
             if not any(word in item.lower() for word in known.not_wheels):
                 return item
     return ""
+
+
+def _detector(survey: Survey, scans: list[str]) -> dict[str, object]:
+    """Parameters for what detects objects, if anything does, and for the camera in whose image it does so."""
+    own = {item.name for item in NODE_INTERFACES["world_model"] if item.kind == "out"}
+    heard = _heard_first(survey.of(BOXES, DETECTIONS))
+    found = next((item for item in heard if item.name.rpartition("/")[2] not in own), None)
+    if found is None:
+        return {}
+    boxes = found.kind == BOXES
+    given: dict[str, object] = {"detections_2d_topic" if boxes else "detections_topic": found.name}
+    if found.rate:
+        given["rate_hz"] = round(found.rate, 2)
+    # A camera's depth images may have the frame of its pictures, and a camera_info of their own.
+    lenses = sorted(survey.of(CAMERA_INFO), key=lambda item: ("depth" in item.name, item.name))
+    same = [item for item in lenses if item.frame == found.frame]
+    if not same and not (boxes and found.frame) and len({item.frame for item in lenses}) == 1:
+        same = lenses
+    if not same:
+        return given
+    given["camera_info_topic"] = same[0].name
+    images = [item for item in survey.of(IMAGE) if item.frame == same[0].frame]
+    depth = next((item.name for item in images if item.encoding in ENCODINGS), "")
+    if depth:
+        given["depth_topic"] = depth
+    elif boxes and scans:
+        given |= {"depth_from_scan": True, "scan_topic": scans[0]}
+    return given
 
 
 def _frames(choice: Choice, survey: Survey, sensor: str, wanted: Preset | None) -> None:

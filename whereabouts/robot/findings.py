@@ -49,6 +49,7 @@ def findings(survey: Survey, choice: Choice) -> list[Finding]:
         _clocks,
         _qos,
         _odometry,
+        _objects,
         _others,
     )
     said = [finding for part in parts for finding in part(survey, choice)]
@@ -231,7 +232,7 @@ def _odometry(survey: Survey, choice: Choice) -> Iterator[Finding]:
         yield note(f"the base publishes {link} and keeps it: scan_registration publishes messages only")
     else:
         yield note(f"scan_registration publishes {link}")
-    if choice.map_published:
+    if choice.map_published and not any(name.endswith("/loop_closure") for name in survey.suite):
         yield warning(
             f"'{choice.map_frame}' -> '{choice.odom_frame}' is published already, by a mapper or localiser: "
             "loop_closure leaves it alone. To have the map of this suite switch that off, and set loop_closure's "
@@ -248,8 +249,29 @@ def _odometry(survey: Survey, choice: Choice) -> Iterator[Finding]:
         yield note("no wheel odometry: long corridors and fast turns are followed less surely")
 
 
+def _objects(survey: Survey, choice: Choice) -> Iterator[Finding]:
+    given = choice.detector
+    found = [item for item in survey.topics.values() if item.name in given.values()]
+    cameras = [item for item in survey.of(*CAMERAS) if item not in found]
+    if not given:
+        if cameras:
+            yield note(f"not used: {names(cameras)}: objects come from a detector of vision_msgs")
+        return
+    listed = ", ".join(str(value) for key, value in given.items() if key.endswith("_topic"))
+    yield note(f"objects: {listed}")
+    boxes = str(given.get("detections_2d_topic", ""))
+    if boxes and "camera_info_topic" not in given:
+        yield warning(
+            f"{boxes}: no CameraInfo has its frame '{survey.topics[boxes].frame}': boxes are not placed without"
+        )
+    elif boxes and not {"depth_topic", "depth_from_scan"} & set(given):
+        yield warning(f"{boxes}: no depth image has its frame: boxes are not placed without one")
+    if cameras:
+        yield note(f"not used: {names(cameras)}")
+
+
 def _others(survey: Survey, choice: Choice) -> Iterator[Finding]:
-    seen = survey.of(IMU, *CAMERAS)
+    seen = survey.of(IMU)
     if seen:
         yield note(f"not used, as no node takes them: {names(seen)}")
     for line in survey.troubles:

@@ -35,20 +35,22 @@ def parameters(choice: Choice) -> dict[str, dict[str, Any]]:
         by_node |= {"target_tracker": {"scan_topic": scan}, "verifier": {"scan_topic": scan}}
     elif cloud:
         by_node["verifier"] = {"cloud_topic": cloud}
+    if choice.detector:
+        by_node["world_model"] = dict(choice.detector)
     for node, given in choice.preset.items():
         by_node.setdefault(node, {}).update(given)
     return {"/**": shared, **by_node}
 
 
-def as_text(choice: Choice, said: list[Finding], source: str) -> str:
-    """The file, with what was found as comments above it."""
+def as_text(choice: Choice, said: list[Finding], source: str, name: str = "robot.yaml") -> str:
+    """The file of a name, with what was found as comments above it."""
     lines = [
         f"# Written by `whereabouts setup` from {' '.join(source.split())}. It is an ordinary ROS parameter file:"
     ]
     space = choice.namespace
     lines += [
-        f"#   whereabouts run --config robot.yaml{f' --namespace {space}' if space else ''}",
-        "#   ros2 launch whereabouts suite.launch.py params_file:=robot.yaml"
+        f"#   whereabouts run --config {name}{f' --namespace {space}' if space else ''}",
+        f"#   ros2 launch whereabouts suite.launch.py params_file:={name}"
         + (f" namespace:={space.strip('/')}" if space else ""),
     ]
     for finding in said:

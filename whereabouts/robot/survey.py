@@ -15,6 +15,8 @@ from whereabouts.logs import Qos
 SCAN, CLOUD = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/PointCloud2"
 ODOMETRY, TF = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 IMU = "sensor_msgs/msg/Imu"
+IMAGE, CAMERA_INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+BOXES, DETECTIONS = "vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"
 # What scanners publish that no node takes, and what makes scans or clouds of it.
 UNTAKEN = {
     "sensor_msgs/msg/MultiEchoLaserScan": "let the driver or laser_proc publish its first echo as LaserScan",
@@ -24,7 +26,7 @@ UNTAKEN = {
     "livox_ros_driver2/msg/CustomMsg": "set xfer_format: 0 in livox_ros_driver2, which then publishes PointCloud2",
     "sensor_msgs/msg/Range": "single beams are no scanner",
 }
-CAMERAS = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo")
+CAMERAS = (IMAGE, "sensor_msgs/msg/CompressedImage", CAMERA_INFO)
 # m that a transform leaps and leaps back by, from which on two publishers disagree.
 LEAP = 0.02
 Matrix = NDArray[np.float64]
@@ -38,7 +40,7 @@ class SeenTopic:
     bag. qos : what they offer. count, frame, stamps : messages looked at, the frame of the last, and first and last
     stamp, s. lags : recorded or received time less stamp, s. range_max : of scans, m. empty : scans without a reading
     within their range, or refused. refused : messages that make no sense, by reason. child : child_frame_id of
-    odometry.
+    odometry. encoding : of images.
     """
 
     name: str
@@ -48,6 +50,7 @@ class SeenTopic:
     count: int = 0
     frame: str = ""
     child: str = ""
+    encoding: str = ""
     stamps: tuple[float, float] | None = None
     lags: list[float] = field(default_factory=list)
     range_max: float | None = None
@@ -123,6 +126,7 @@ class Survey:
 
     source : the bag, or "the running robot". live : whether it was running. seconds : that were looked at.
     left_out : what of a bag cannot be read, with the reason. troubles : what running nodes of the suite complain about.
+    suite : their names.
     """
 
     source: str
@@ -132,6 +136,7 @@ class Survey:
     edges: dict[tuple[str, str], FrameEdge] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     troubles: list[str] = field(default_factory=list)
+    suite: frozenset[str] = frozenset()
 
     def of(self, *kinds: str) -> list[SeenTopic]:
         """Topics of some types, by name."""

@@ -39,7 +39,9 @@ class StateFiles:
         if known and name in ("", known):
             return Path(known)
         if not name:
-            raise InputError("path: neither the request nor a parameter names a file")
+            raise InputError(
+                "path: neither the request nor a parameter names a file: give a name, such as home"
+            )
         if any(ord(letter) < 32 or letter == "\x7f" for letter in name) or len(Path(name).name) > LONGEST:
             raise InputError(f"path: a name of up to {LONGEST} letters without control characters expected")
         absolute = name.startswith("/")

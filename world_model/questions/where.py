@@ -567,7 +567,10 @@ def where_to_look(world: Recall, what: str) -> Answer:
         if place:
             chances[place] = chances.get(place, 0.0) + left * share
     if not chances:
-        raise NothingKnownError(f"Nobody knows where {clean(name)} may be: no place has a name.")
+        raise NothingKnownError(
+            f"No place has a name that {clean(name)} may be at: world_model has them from its places_file. "
+            f"{where_is(world, name).sentence}"
+        )
     order = ranked(chances)
     parts = [
         f"{spoken(world, place)} ({told(chances[place])})"

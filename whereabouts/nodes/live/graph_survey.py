@@ -10,11 +10,26 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from whereabouts.logs import Qos
 from whereabouts.nodes.live.listener import listen
+from whereabouts.nodes.ros.inputs import EARLY
 from whereabouts.nodes.runtime.dead_ends import full_name
 from whereabouts.robot.bags import look_at_message
-from whereabouts.robot.survey import CLOUD, IMU, ODOMETRY, SCAN, TF, SeenTopic, Survey
+from whereabouts.robot.survey import (
+    BOXES,
+    CAMERA_INFO,
+    CLOUD,
+    DETECTIONS,
+    IMAGE,
+    IMU,
+    ODOMETRY,
+    SCAN,
+    TF,
+    SeenTopic,
+    Survey,
+)
 
-HEARD = (SCAN, CLOUD, ODOMETRY, IMU, TF, "diagnostic_msgs/msg/DiagnosticArray")
+HEARD = (
+    SCAN, CLOUD, ODOMETRY, IMU, TF, IMAGE, CAMERA_INFO, BOXES, DETECTIONS, "diagnostic_msgs/msg/DiagnosticArray"
+)  # fmt: skip
 NAMES = {
     ReliabilityPolicy.BEST_EFFORT: "best_effort", ReliabilityPolicy.RELIABLE: "reliable",
     DurabilityPolicy.VOLATILE: "volatile", DurabilityPolicy.TRANSIENT_LOCAL: "transient_local",
@@ -42,7 +57,14 @@ def survey_graph(seconds: float) -> Survey:
                 seen.publishers = tuple(sorted(map(full_name, infos)))
                 seen.qos = tuple(_offer(info.qos_profile) for info in infos)
 
-    listen("whereabouts_doctor", HEARD, take, seconds=seconds, on_look=look)
+    listen("whereabouts_doctor", HEARD, take, seconds=seconds, on_look=look, brief=(IMAGE,))
+    survey.suite = frozenset(f"/{name}" for name in suite)
+    # What the suite says itself is none of the robot's sensors.
+    survey.topics = {
+        name: seen
+        for name, seen in survey.topics.items()
+        if not seen.publishers or not survey.suite.issuperset(seen.publishers)
+    }
     survey.troubles += _troubles(suite)
     return survey
 
@@ -57,7 +79,11 @@ def _troubles(suite: dict[str, Any]) -> list[str]:
             "stop them before `whereabouts setup`"
         )
     for name, said in sorted(suite.items()):
-        drops = [f"{item.key}: {item.value}" for item in said.values if " dropped, " in item.key]
+        drops = [
+            f"{item.key}: {item.value}"
+            for item in said.values
+            if " dropped, " in item.key and not item.key.endswith(EARLY)
+        ]
         if said.level != DiagnosticStatus.OK or drops:
             troubles.append(f"{name}: {'; '.join([said.message, *drops])}")
     return troubles

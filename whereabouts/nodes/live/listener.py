@@ -27,18 +27,25 @@ class Listener:
     types : message types that are of interest.
     take : called with type, topic without the namespace, message, and time of arrival in ns.
     namespace : "" or "/robot1"; topics outside it are not listened to.
+    brief : types of which a message or two tell all: such a topic is left at the next look.
     """
 
     node: Node
     types: Collection[str]
     take: Take
     namespace: str = ""
+    brief: Collection[str] = ()
     topics: dict[str, Any] = field(default_factory=dict)
     unknown: set[str] = field(default_factory=set)
+    _enough: set[str] = field(default_factory=set, init=False)
 
     def look(self) -> list[str]:
         """Subscribe what has appeared since the last look; returns the new topics."""
         found, prefix = [], self.namespace.rstrip("/")
+        for topic in self._enough:
+            self.node.destroy_subscription(self.topics[topic])
+            self.topics[topic] = None
+        self._enough.clear()
         for topic, kinds in self.node.get_topic_names_and_types():
             wanted = [kind for kind in kinds if kind in self.types]
             offers = self.node.get_publishers_info_by_topic(topic) if wanted else []
@@ -59,6 +66,8 @@ class Listener:
 
         def keep(message: Any) -> None:
             self.take(type_name, name, message, self.node.get_clock().now().nanoseconds)
+            if type_name in self.brief:
+                self._enough.add(topic)
 
         self.topics[topic] = self.node.create_subscription(message_class(type_name), topic, keep, qos)
 
@@ -70,13 +79,14 @@ def listen(
     namespace: str = "",
     seconds: float | None = None,
     on_look: Callable[[Node, list[str]], None] = lambda node, new: None,
+    brief: Collection[str] = (),
 ) -> list[str]:
     """Listen as a node of a name until Ctrl-C, or for so many seconds; returns the topics that were heard.
 
-    on_look : called with the node and the new topics, now and then and at the end.
+    on_look : called with the node and the new topics, now and then and at the end. brief : as of `Listener`.
     """
     node, executor = private_node(name)
-    listener = Listener(node, types, take, namespace)
+    listener = Listener(node, types, take, namespace, brief)
     start, looked = time.monotonic(), -LOOK_PERIOD
     try:
         while seconds is None or time.monotonic() - start < seconds:

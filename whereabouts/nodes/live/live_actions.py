@@ -89,7 +89,10 @@ def find(
     searches = Searches(client.node)
     try:
         if not client.until(lambda: searches.ready):
-            raise NoWorldError("nobody searches: start it with `whereabouts run object_search`")
+            raise NoWorldError(
+                "nobody searches: start it with `whereabouts run object_search`"
+                f"{client.elsewhere('find_object/_action/status')}"
+            )
         search = searches.ask(goal, lambda step: on_step(step.reason, step.probability))
         end = time.monotonic() + LONGEST
         try:

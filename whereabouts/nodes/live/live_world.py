@@ -60,7 +60,9 @@ class Client:
         client = self.node.create_client(kind, name)
         try:
             if not self.until(client.service_is_ready):
-                raise NoWorldError(f"nobody offers {name}: start the suite with `whereabouts run`")
+                raise NoWorldError(
+                    f"nobody offers {name}: start the suite with `whereabouts run`{self.elsewhere(name)}"
+                )
             future = client.call_async(request)
             if not self.until(future.done, seconds):
                 raise NoWorldError(f"{name} does not answer within {seconds:g} s")
@@ -83,8 +85,17 @@ class Client:
             raise NoWorldError(
                 "no live world: nobody says world_state; start the suite with `whereabouts run world_model`, or name a "
                 "store: `ask world.sqlite ...`, or `--store world.sqlite` with other commands"
+                f"{self.elsewhere('world_state')}"
             )
         return heard[-1]
+
+    def elsewhere(self, name: str) -> str:
+        """How to reach a topic or service of a name that is offered in other namespaces; empty where it is not."""
+        offered = [*self.node.get_topic_names_and_types(), *self.node.get_service_names_and_types()]
+        spaces = {full.removesuffix(f"/{name}") for full, _ in offered if full.endswith(f"/{name}")}
+        others = sorted(spaces - {self.node.get_namespace().rstrip("/")})
+        ways = [f"with --namespace {space}" if space else "without --namespace" for space in others]
+        return f". There is one {' or '.join(ways)}" if ways else ""
 
     def parameters(self, *names: str) -> list[str]:
         """Text parameters of the node `world_model`; "" where it has none."""

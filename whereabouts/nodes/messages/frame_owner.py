@@ -41,9 +41,12 @@ class FrameOwner:
         link = f"'{self._parent}' -> '{self._child}'"
         parent = transforms.parent(self._child)
         if parent not in (None, self._parent):
+            chain = [parent]
+            while (above := transforms.parent(chain[-1])) and above not in (self._parent, *chain):
+                chain.append(above)
             self.withheld = (
-                f"the transform {link} is withheld: '{self._child}' has the parent '{parent}' already. Set publish_tf: "
-                f"false, or base_frame to the frame that has none"
+                f"the transform {link} is withheld: '{self._child}' has the parent '{parent}' already. Set base_frame: "
+                f"{chain[-1]} for all nodes, or publish_tf: false for this one"
             )
         elif self._foreign >= SURE:
             self.withheld = (

@@ -12,7 +12,7 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from estimation.errors import InputError
-from estimation.geometry.frame_tree import JUMP, FrameTree, TransformError, pose_matrix
+from estimation.geometry.frame_tree import JUMP, FrameTree, NotYetError, TransformError, pose_matrix
 from whereabouts.nodes.messages.envelopes import FRAME, POSITION, envelope
 from whereabouts.nodes.messages.stamps import nanoseconds, time_message
 
@@ -113,7 +113,13 @@ class TransformBuffer:
             try:
                 self.lookup(target, source, stamp)
             except TransformError as error:
-                return f"no transform from '{source}' to '{target}': {error}; is it on tf or tf_static?"
+                late = isinstance(error, NotYetError)
+                advice = (
+                    "tf is late, see transform_timeout, or clocks differ"
+                    if late
+                    else "is it on tf or tf_static?"
+                )
+                return f"no transform from '{source}' to '{target}': {error}; {advice}"
         return "transform arrived too late"
 
     def _compose(self, target: str, source: str, stamp: int) -> Matrix:

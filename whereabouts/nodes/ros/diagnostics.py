@@ -81,6 +81,7 @@ class DiagnosticsPublisher:
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10, event_callbacks=QUIET)
         self._then = time.perf_counter()
         self._received: dict[str, int] = {}
+        self._stopped: set[str] = set()
         self._troubles = 0
 
     def publish(self) -> None:
@@ -89,6 +90,8 @@ class DiagnosticsPublisher:
         interval, self._then = now - self._then, now
         # Every node has inputs from the moment it is configured; before that it has nothing to judge itself by.
         health = self._health()
+        if silent := self._silent(now):
+            health.warning, health.message = True, "; ".join([silent, health.message])
         figures = dict(health.figures)
         for item in self._node.inputs:
             item.watch_publishers()
@@ -107,6 +110,20 @@ class DiagnosticsPublisher:
         message = DiagnosticArray(status=[self._status(health, figures)])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+    def _silent(self, now: float) -> str:
+        """Which inputs have stopped, also said in the log as they do; a replay may wait for something."""
+        heard = self._node.inputs if self._node.active and not self._node.replayed else ()
+        since = {item.topic: item.stopped(now) for item in heard}
+        said = {
+            topic: f"nothing has come on {topic} for {silent:.0f} s"
+            for topic, silent in since.items()
+            if silent
+        }
+        for topic in said.keys() - self._stopped:
+            self._node.complaints.alarm(said[topic])
+        self._stopped = set(said)
+        return "; ".join(said.values())
 
     def _health(self) -> Health:
         if not self._node.inputs:

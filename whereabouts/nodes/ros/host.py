@@ -23,6 +23,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from whereabouts.compiled_cache import is_compiled
 from whereabouts.nodes.ros.footprint import keep_packed, settle
 
 PR_SET_NAME, PR_SET_CHILD_SUBREAPER = 15, 36
@@ -169,8 +170,8 @@ def _load() -> None:
     for name in NODES:
         importlib.import_module(f"whereabouts.nodes.{name}_node")
     _load_messages()
-    # Where nothing is compiled yet, each node had better compile its own.
-    if any(Path(__file__).parents[3].joinpath("estimation").rglob("*.nbi")):
+    # Where not all is compiled yet, each node had better compile its own.
+    if is_compiled(Path(__file__).parents[3]):
         for part in PARTS.values():
             part()
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
+FEWEST = 10  # periods before any is taken for usual
+
 
 @dataclass
 class InputCounts:
@@ -66,8 +68,18 @@ class MessageGaps:
         """A gap between stamps of several usual periods: the sensor or its driver left something out."""
         if self._last_stamp is not None and stamp > self._last_stamp:
             period = stamp - self._last_stamp
-            if len(self._periods) >= 10:
-                usual = sorted(self._periods)[len(self._periods) // 2]
+            if len(self._periods) >= FEWEST:
+                usual = self._period(0.5)
                 self._counts.stamp_gaps += max(0, round(period / usual) - 1) if usual > 0 else 0
             self._periods.append(period)
         self._last_stamp = stamp
+
+    @property
+    def steady(self) -> int:
+        """Time between stamps, ns, that nearly all keep; 0 where messages come now and then, or few have come."""
+        known = len(self._periods) >= FEWEST and self._period(0.9) < 2 * self._period(0.5)
+        return self._period(0.5) if known else 0
+
+    def _period(self, share: float) -> int:
+        """Time between stamps, ns, that a share of them keeps."""
+        return sorted(self._periods)[int(share * len(self._periods))]

@@ -33,6 +33,10 @@ if TYPE_CHECKING:
 
 WAITING_LIMIT = 64
 LATENCY_WINDOW = 2000
+# A reason for dropping the first messages that is no trouble: tf was still to begin. More of them are told of.
+EARLY, EARLY_ONES = "before the first transform", 5
+# s, and periods, without a message from which on one that came steadily has stopped.
+SILENT, SILENT_PERIODS = 3.0, 10
 # The stamps that a message can carry.
 EARLIEST, LATEST = -(2**31) * NANOSECONDS, (2**31 - 1) * NANOSECONDS
 
@@ -200,6 +204,12 @@ class Input:
         """Time since the last message that was let in, ns."""
         return round((arrived - self._admitted) * NANOSECONDS) if self._admitted else 0
 
+    def stopped(self, now: float) -> float:
+        """Seconds for which nothing has come where messages came steadily before; 0 where they do, or never did."""
+        silent = self.silence(now) / NANOSECONDS
+        usual = SILENT_PERIODS * self.gaps.steady / NANOSECONDS
+        return silent if usual and silent > max(usual, SILENT) else 0.0
+
     def behind(self, stamp: int) -> int:
         """How far a stamp is behind what more than one message speaks for, ns; negative for one ahead."""
         return (stamp if self._time.confirmed is None else self._time.confirmed) - stamp
@@ -248,6 +258,10 @@ class Input:
         try:
             self._handler(waiting.message, waiting.stamp)
         except (InputError, TransformError) as error:
+            too_old = isinstance(error, TransformError) and not error.later
+            if too_old and not self.counts.used and self.counts.drops[EARLY] < EARLY_ONES:
+                self.counts.drops[EARLY] += 1
+                return
             self.drop("refused", str(error))
             return
         except Exception as error:

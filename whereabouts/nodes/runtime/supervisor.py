@@ -196,7 +196,9 @@ class Supervisor:
     def _go_on_without_host(self, error: OSError) -> None:
         self.hosted = False
         self._end_host()
-        self.on_event(f"nodes are started one by one: {error or type(error).__name__}")
+        self.on_event(
+            f"nodes are loaded one by one: what they share is not there: {error or type(error).__name__}"
+        )
 
     @property
     def host_pid(self) -> int | None:

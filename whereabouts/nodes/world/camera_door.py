@@ -57,14 +57,15 @@ class CameraDoor:
         take_detections: Callable[[Detection3DArray, int], None],
     ) -> None:
         self._node, self._map = node, map_frame
-        self.from_scan = node.settings.depth_from_scan
+        settings = node.settings
+        self.from_scan = settings.depth_from_scan
         self.cameras = Cameras()
         self.rates = SightRates()
         beside = None if store is None else store.path.with_name(store.path.name + SUFFIX)
         self.kept = KeptFile(beside, "rates of detection", self.rates.read, self.rates.write)
         self.reset()
-        node.add_input(CameraInfo, "camera_info", self._take_info, sensor=False)
-        topic = "scan" if self.from_scan else "depth"
+        node.add_input(CameraInfo, settings.camera_info_topic, self._take_info, sensor=False)
+        topic = settings.scan_topic if self.from_scan else settings.depth_topic
         packed = node.resolve_topic_name(topic).endswith(SUFFIXES)
         kind = LaserScan if self.from_scan else CompressedImage if packed else Image
         self._depth = node.add_input(
@@ -73,8 +74,8 @@ class CameraDoor:
         # Detections come after the image they are of, but a depth image may take longer to be registered to it.
         given: dict[str, Any] = {"frames": self._frames, "companions": [self._depth]}
         self._detections = [
-            node.add_input(Detection3DArray, "detections", take_detections, **given),
-            node.add_input(Detection2DArray, "detections_2d", take_boxes, **given),
+            node.add_input(Detection3DArray, settings.detections_topic, take_detections, **given),
+            node.add_input(Detection2DArray, settings.detections_2d_topic, take_boxes, **given),
         ]
 
     def reset(self) -> None:
