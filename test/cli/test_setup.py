@@ -35,7 +35,7 @@ from whereabouts.robot.choice import choose
 from whereabouts.robot.findings import findings
 from whereabouts.robot.preset import preset, preset_names
 from whereabouts.robot.robot_file import as_text
-from whereabouts.robot.survey import BOXES, CAMERA_INFO, DETECTIONS, IMAGE, Survey
+from whereabouts.robot.survey import BOXES, CAMERA_INFO, COMPRESSED, DETECTIONS, IMAGE, Survey
 from whereabouts.simulation.world_bag import SuiteMessages
 from whereabouts.suite_config import SuiteConfigError, read_config
 
@@ -85,16 +85,25 @@ class RobotRecording:
             record_ = OdometryRecord(np.array([0.01 * k, 0.0, 0.0]), stamp, topic, frame, child)
             self.writer.write_odometry(record_, round(1e9 * stamp))
 
-    def camera(self, kind: str, frame: str = "eye", image: str = "eye") -> None:
-        """A lens, pictures and depth images, and a detector of a kind in a frame; images : frame of the depth."""
+    def camera(self, kind: str, frame: str = "eye", image: str = "eye", packed: str = "") -> None:
+        """A lens, pictures and depth images, and a detector of a kind in a frame; images : frame of the depth, which
+        is compressed under a topic that ends in `packed`."""
         messages = SuiteMessages(BOXES, DETECTIONS)
         told: list[tuple[str, str, dict[str, Any]]] = [
             ("/eye/lens", CAMERA_INFO, {"header": header(101 * 10**9, "eye"), "width": 160, "height": 120}),
             ("/eye/color", IMAGE, {"header": header(101 * 10**9, "eye"), "encoding": "rgb8"}),
             ("/eye/aligned", IMAGE, {"header": header(101 * 10**9, image), "encoding": "16UC1"}),
+            (
+                "/eye/color/compressed",
+                COMPRESSED,
+                {"header": header(101 * 10**9, "eye"), "format": "rgb8; jpeg"},
+            ),
             *((("/found", kind, {"header": header((202 + k) * 10**9 // 2, frame)})) for k in range(5)),
             ("/world/objects", DETECTIONS, {"header": header(101 * 10**9, "map")}),
         ]
+        if packed:
+            depth = {"header": header(101 * 10**9, image), "format": "16UC1; compressedDepth png"}
+            told[2] = f"/eye/aligned{packed}", COMPRESSED, depth
         for topic, name, fields in told:
             where = messages.topic(topic, name) if name in (BOXES, DETECTIONS) else Topic(topic, name)
             data = messages.serialized(messages.make(name, **fields), name)
@@ -129,6 +138,13 @@ def test_a_detector_and_its_camera_are_connected(kind: str, frame: str, topic: s
     }  # fmt: skip
     assert "note: objects: /found, /eye/lens, /eye/aligned" in result.output
     assert "note: not used: /eye/color" in result.output
+
+
+@pytest.mark.parametrize(("packed", "taken"), [("/compressedDepth", True), ("/squeezed", False)])
+def test_depth_images_may_be_compressed(packed: str, taken: bool, tmp_path: Path) -> None:
+    _, given = camera_of(tmp_path, BOXES, "eye", "eye", packed)
+    assert given.get("depth_topic", "") == ("/eye/aligned/compressedDepth" if taken else "")
+    assert given.get("depth_from_scan", False) != taken
 
 
 def test_boxes_without_a_depth_image_of_their_frame_are_placed_by_the_scanner(tmp_path: Path) -> None:

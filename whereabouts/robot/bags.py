@@ -8,9 +8,10 @@ from typing import Any
 
 from whereabouts.logs import RawMessage, convert_log, open_raw
 from whereabouts.logs.format_detection import detect
+from whereabouts.messages.compressed_depth import SUFFIXES, encoding_of
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, scans, seconds
 from whereabouts.messages.records import TransformRecord, strip_slash
-from whereabouts.robot.survey import IMAGE, ODOMETRY, SCAN, TF, SeenTopic, Survey
+from whereabouts.robot.survey import COMPRESSED, IMAGE, ODOMETRY, SCAN, TF, SeenTopic, Survey
 from whereabouts.system.log_errors import UnreadableTypeError
 
 # What a recording holds shows within its first minute, but for transforms that are latched later.
@@ -88,3 +89,5 @@ def _understand(survey: Survey, seen: SeenTopic, message: Any, received: float) 
         seen.child = strip_slash(message.child_frame_id)
     elif seen.kind == IMAGE:
         seen.encoding = message.encoding
+    elif seen.kind == COMPRESSED and seen.name.endswith(SUFFIXES):
+        seen.encoding = encoding_of(message)

@@ -10,6 +10,7 @@ from whereabouts.robot.survey import (
     BOXES,
     CAMERA_INFO,
     CLOUD,
+    COMPRESSED,
     DETECTIONS,
     IMAGE,
     ODOMETRY,
@@ -138,7 +139,7 @@ def _detector(survey: Survey, scans: list[str]) -> dict[str, object]:
     if not same:
         return given
     given["camera_info_topic"] = same[0].name
-    images = [item for item in survey.of(IMAGE) if item.frame == same[0].frame]
+    images = [item for kind in (IMAGE, COMPRESSED) for item in survey.of(kind) if item.frame == same[0].frame]
     depth = next((item.name for item in images if item.encoding in ENCODINGS), "")
     if depth:
         given["depth_topic"] = depth

@@ -16,6 +16,7 @@ SCAN, CLOUD = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/PointCloud2"
 ODOMETRY, TF = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 IMU = "sensor_msgs/msg/Imu"
 IMAGE, CAMERA_INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
 BOXES, DETECTIONS = "vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"
 # What scanners publish that no node takes, and what makes scans or clouds of it.
 UNTAKEN = {
@@ -26,7 +27,7 @@ UNTAKEN = {
     "livox_ros_driver2/msg/CustomMsg": "set xfer_format: 0 in livox_ros_driver2, which then publishes PointCloud2",
     "sensor_msgs/msg/Range": "single beams are no scanner",
 }
-CAMERAS = (IMAGE, "sensor_msgs/msg/CompressedImage", CAMERA_INFO)
+CAMERAS = (IMAGE, COMPRESSED, CAMERA_INFO)
 # m that a transform leaps and leaps back by, from which on two publishers disagree.
 LEAP = 0.02
 Matrix = NDArray[np.float64]

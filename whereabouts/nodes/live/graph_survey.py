@@ -17,6 +17,7 @@ from whereabouts.robot.survey import (
     BOXES,
     CAMERA_INFO,
     CLOUD,
+    COMPRESSED,
     DETECTIONS,
     IMAGE,
     IMU,
@@ -28,7 +29,8 @@ from whereabouts.robot.survey import (
 )
 
 HEARD = (
-    SCAN, CLOUD, ODOMETRY, IMU, TF, IMAGE, CAMERA_INFO, BOXES, DETECTIONS, "diagnostic_msgs/msg/DiagnosticArray"
+    SCAN, CLOUD, ODOMETRY, IMU, TF, IMAGE, COMPRESSED, CAMERA_INFO, BOXES, DETECTIONS,
+    "diagnostic_msgs/msg/DiagnosticArray",
 )  # fmt: skip
 NAMES = {
     ReliabilityPolicy.BEST_EFFORT: "best_effort", ReliabilityPolicy.RELIABLE: "reliable",
@@ -57,7 +59,7 @@ def survey_graph(seconds: float) -> Survey:
                 seen.publishers = tuple(sorted(map(full_name, infos)))
                 seen.qos = tuple(_offer(info.qos_profile) for info in infos)
 
-    listen("whereabouts_doctor", HEARD, take, seconds=seconds, on_look=look, brief=(IMAGE,))
+    listen("whereabouts_doctor", HEARD, take, seconds=seconds, on_look=look, brief=(IMAGE, COMPRESSED))
     survey.suite = frozenset(f"/{name}" for name in suite)
     # What the suite says itself is none of the robot's sensors.
     survey.topics = {
