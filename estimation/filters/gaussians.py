@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_square
+from estimation.checks import ROUNDING, FloatArray, as_square, require_symmetric
 from estimation.errors import InputError
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
 
-# An eigenvalue this far below zero, relative to the largest, is rounding; further below it is a wrong matrix.
-ROUNDING = 1e-9
 # A repaired eigenvalue, relative to the largest: large enough for a Cholesky factor to exist.
 FLOOR = 1e-12
 
@@ -40,18 +38,14 @@ def repair_covariance(
     """
     P = as_square(name, covariance)
     transposed = np.swapaxes(P, -1, -2)
-    if definite:
-        try:
-            np.linalg.cholesky(P)
-        except np.linalg.LinAlgError:
-            pass
-        else:
-            if (transposed == P).all():
-                return P
-    largest = np.abs(P).max(axis=(-1, -2), initial=0.0)
-    if (np.abs(P - transposed).max(axis=(-1, -2), initial=0.0) > ROUNDING * largest).any():
-        raise InputError(f"{name} must be symmetric")
-    symmetric = 0.5 * (P + transposed)
+    try:
+        np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        pass
+    else:
+        if (transposed == P).all():
+            return P
+    symmetric = 0.5 * (require_symmetric(name, P) + transposed)
     values, vectors = np.linalg.eigh(symmetric)
     top = values[..., -1:]
     if (values < -ROUNDING * np.abs(top)).any() or (definite and (top <= 0).any()):
