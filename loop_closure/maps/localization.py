@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, require_positive
 from estimation.errors import InputError
 from loop_closure.graph.uncertainty import FOUND
 from loop_closure.keyframes import AROUND, MOST, Keyframes
@@ -100,7 +100,11 @@ class Localizer:
         ------
         InputError : another shape, or numbers that are not finite.
         """
-        said = as_pose("pose", pose)
+        said, sigma, turn = (
+            as_pose("pose", pose),
+            require_positive("sigma", sigma),
+            require_positive("turn", turn),
+        )
         if planar(self._poses) and not planar(said):
             raise InputError("pose: (3,) expected in a map of scans, got (4, 4)")
         self._pending = self._map.on_the_ground(said)
