@@ -10,8 +10,8 @@ import numpy.typing as npt
 from estimation.errors import InputError
 
 FloatArray = npt.NDArray[np.float64]
-# Asymmetry, or an eigenvalue below zero, this small beside the largest number of a covariance is rounding.
-ROUNDING = 1e-9
+# Asymmetry this small beside the largest number of a covariance is rounding, that of single precision included.
+ASYMMETRY = 1e-6
 
 
 def as_floats(name: str, value: npt.ArrayLike) -> FloatArray:
@@ -128,7 +128,7 @@ def require_symmetric(name: str, value: FloatArray) -> FloatArray:
     """`value` (..., d, d) unchanged; InputError where it differs from its transpose by more than rounding."""
     largest = np.abs(value).max(axis=(-1, -2), initial=0.0)
     apart = np.abs(value - np.swapaxes(value, -1, -2)).max(axis=(-1, -2), initial=0.0)
-    if (apart > ROUNDING * largest).any():
+    if (apart > ASYMMETRY * largest).any():
         raise InputError(f"{name} must be symmetric")
     return value
 

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import ROUNDING, FloatArray, as_square, require_symmetric
+from estimation.checks import FloatArray, as_square, require_symmetric
 from estimation.errors import InputError
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
 
+# An eigenvalue this far below zero, relative to the largest, is rounding; further below it is a wrong matrix.
+ROUNDING = 1e-9
 # A repaired eigenvalue, relative to the largest: large enough for a Cholesky factor to exist.
 FLOOR = 1e-12
 
@@ -32,7 +34,7 @@ def repair_covariance(
 ) -> FloatArray:
     """`covariance` (..., d, d), symmetric and positive definite, repaired where only rounding denies that.
 
-    Asymmetry and eigenvalues down to -1e-9 of the largest are rounding: the eigenvalues are raised to 1e-12 of
+    Asymmetry of 1e-6 and eigenvalues down to -1e-9 of the largest are rounding: the eigenvalues are raised to 1e-12 of
     the largest and `repairs.count` grows by one per matrix. With `definite` false eigenvalues of zero are left
     as they are, a zero matrix included. Raises InputError naming `name` for anything worse.
     """

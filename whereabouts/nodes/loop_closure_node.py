@@ -7,6 +7,7 @@ map -> odom.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import OrderedDict
 from typing import ClassVar
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan, PointCloud2
 
 from estimation.errors import InputError
+from estimation.filters.gaussians import repair_covariance
 from estimation.geometry.poses import compound, pose_from_matrix, pose_to_matrix
 from loop_closure.graph.smoother_process import SmootherProcess
 from loop_closure.loop_closure_warm_up import warm_up
@@ -138,8 +140,10 @@ class LoopClosureNode(SuiteNode):
 
     def _take_odometry(self, message: OdometryMessage, stamp: int) -> None:
         covariance = np.array(message.pose.covariance).reshape(6, 6)
-        if np.isfinite(covariance).all() and covariance.any():
-            self._covariances[stamp] = covariance
+        # Zeros, -1 and whatever else is no covariance stand for one that nobody knows.
+        with contextlib.suppress(InputError):
+            if covariance.any():
+                self._covariances[stamp] = repair_covariance(covariance, definite=False)
         while len(self._covariances) > REMEMBERED:
             self._covariances.popitem(last=False)
         self._source.take(message, stamp)
