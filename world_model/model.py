@@ -277,7 +277,8 @@ class WorldModel:
 
         names : the highest number in use by class, so that no symbol is given twice.
         """
-        stamp = as_number("stamp", stamp)
+        # A run that nothing has been seen in has no stamp yet.
+        stamp = stamp if stamp == -np.inf else as_number("stamp", stamp)
         self.anchoring.reset()
         self.stamp, self.epoch = stamp, epoch
         self._believe(objects, names or {})

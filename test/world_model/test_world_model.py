@@ -335,6 +335,16 @@ def test_a_stamp_that_is_none_changes_nothing(stamp: Any) -> None:
     assert [item.id for item in model.hypotheses()[0].objects] == ["cup-1"]
 
 
+def test_a_store_of_a_run_that_has_seen_nothing_is_opened_again(tmp_path: Path) -> None:
+    model = WorldModel(config(), store=tmp_path / "world.sqlite")
+    model.update(evidence((0.0, 0.0, 1.0)), 1.0)
+    model.reset()
+    model.close()
+    again = WorldModel(config(), store=tmp_path / "world.sqlite")
+    assert again.update(evidence((0.0, 0.0, 1.0)), 2.0).stamp == 2.0
+    again.close()
+
+
 def test_names_must_be_words() -> None:
     model, _ = watched()
     for call in (
