@@ -26,7 +26,7 @@ def as_floats(name: str, value: npt.ArrayLike) -> FloatArray:
         words = given.dtype.kind == "O" and any(isinstance(item, (str, bytes)) for item in given.flat)
         if given.dtype.kind in "biufO" and not words:
             plain = given.astype(np.float64, copy=False)
-            return plain.filled(np.nan) if isinstance(plain, np.ma.MaskedArray) else plain
+            return np.asarray(plain.filled(np.nan) if isinstance(plain, np.ma.MaskedArray) else plain)
     except (TypeError, ValueError, OverflowError):
         pass
     raise InputError(f"{name} must be an array of numbers, not {_kind(value)}")

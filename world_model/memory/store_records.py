@@ -260,10 +260,8 @@ class Records:
     def _execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
         try:
             return self._file.connection.execute(statement, values)
-        except (
-            sqlite3.ProgrammingError,
-            OverflowError,
-        ) as error:  # closed, or asked for what no row can hold
+        # It is closed, or was asked for what no row can hold.
+        except (sqlite3.ProgrammingError, OverflowError) as error:
             raise StoreError(f"{self._file.path}: {error}") from error
 
 
