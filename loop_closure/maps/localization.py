@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, require_positive
+from estimation.checks import FloatArray, as_own, require_kind, require_positive
 from estimation.errors import InputError
 from loop_closure.graph.uncertainty import FOUND
 from loop_closure.keyframes import AROUND, MOST, Keyframes
@@ -72,7 +72,8 @@ class Localizer:
     """
 
     def __init__(self, places: Keyframes, poses: FloatArray, initial: FloatArray | None = None) -> None:
-        self._poses = np.asarray(poses, dtype=np.float64)
+        require_kind("places", places, Keyframes)
+        self._poses = as_own("poses", poses, (len(places), 3), (len(places), 4, 4))
         self._map: PlanarMap | SpatialMap
         self._map = (PlanarMap if planar(self._poses) else SpatialMap)(places, self._poses)
         self._recent, self._own = Keyframes(), OwnBody()

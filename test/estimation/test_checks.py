@@ -31,7 +31,7 @@ def test_what_is_no_array_of_numbers_is_named(value: Any) -> None:
 def test_numbers_of_any_kind_become_floats_and_masked_ones_nan() -> None:
     for value in ([1, 2], np.array([1, 2], np.int8), np.array([1, 2], np.float32), np.array([1, 2], object)):
         np.testing.assert_array_equal(as_floats("speed", value), [1.0, 2.0])
-    assert type(as_floats("speed", np.matrix([[1, 2]]))) is np.ndarray
+    assert type(as_floats("speed", np.arange(2).view(np.recarray))) is np.ndarray
     masked = np.ma.masked_equal([1.0, -1.0, 3.0], -1.0)
     np.testing.assert_array_equal(as_floats("speed", masked), [1.0, np.nan, 3.0])
 

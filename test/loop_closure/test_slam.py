@@ -100,6 +100,19 @@ def test_a_second_round_is_closed_and_the_drift_gone(same_way: tuple[Slam, np.nd
         assert np.linalg.eigvalsh(closure.covariance).min() > 0.0
 
 
+def test_closures_that_were_told_are_no_handle_on_the_graph(
+    same_way: tuple[Slam, np.ndarray, np.ndarray],
+) -> None:
+    slam = same_way[0]
+    told = slam.closures
+    told.clear()
+    assert slam.closures
+    for closure in slam.closures:
+        for edge in slam.graph.edges:
+            assert not np.shares_memory(closure.relative, edge.motion)
+            assert not np.shares_memory(closure.covariance, edge.covariance)
+
+
 def test_the_classifier_alone_proposes_what_the_path_does_not_allow() -> None:
     scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
     # A guessed step of odometry that is sure of itself puts the second round where the first never was.
