@@ -34,7 +34,9 @@ def check_settings(settings: Any) -> None:
     """Raises InputError naming the first setting that is out of its range or none of its choices."""
     for item in fields(settings):
         value, about = getattr(settings, item.name), item.metadata
-        if "choices" in about and value not in about["choices"]:
+        if isinstance(item.default, bool) and not isinstance(value, bool):
+            raise InputError(f"{item.name}: true or false expected, got {value!r}")
+        if "choices" in about and not (isinstance(value, str) and value in about["choices"]):
             raise InputError(f"{item.name}: one of {', '.join(about['choices'])} expected, got {value!r}")
         if "low" in about:
             number = isinstance(value, numbers.Real) and not isinstance(value, bool)

@@ -9,19 +9,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from estimation.checks import FloatArray
-from estimation.errors import InputError
+from estimation.checks import FloatArray, as_own
 from estimation.geometry.poses import between, compound, inverse, pose_from_matrix
+from estimation.geometry.rotations import require_rigid
 
 MOST = 0.25  # m², rad²: of one step, so that sums stay well conditioned
 
 
 def as_pose(name: str, value: npt.ArrayLike) -> FloatArray:
-    """`value` as a finite pose; InputError naming it otherwise."""
-    pose = np.asarray(value, dtype=np.float64)
-    if pose.shape not in ((3,), (4, 4)) or not np.isfinite(pose).all():
-        raise InputError(f"{name}: finite pose (3,) or (4, 4) expected, got shape {pose.shape}")
-    return pose
+    """`value` as a finite pose of its own; InputError naming it otherwise."""
+    pose = as_own(name, value, (3,), (4, 4))
+    return pose if planar(pose) else require_rigid(name, pose)
 
 
 def planar(pose: FloatArray) -> bool:

@@ -5,7 +5,7 @@ Behaviour models per class (M of section 2.4.2) are in the settings or in `defau
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from estimation.checks import FloatArray, as_finite
+from estimation.checks import FloatArray, as_finite, require_kind
 from estimation.errors import InputError
 from estimation.settings import check_settings, setting
 from world_model.calibration.sensor_bias import CONSTANT, NAMES
@@ -164,6 +164,7 @@ class WorldModelConfig:
             raise InputError(f"hypotheses: a whole number expected, got {self.hypotheses!r}")
         for name in ("classes", "colors", "attributes"):
             values = getattr(self, name)
+            require_kind(name, values, Collection)
             if isinstance(values, str) or not all(isinstance(value, str) and value for value in values):
                 raise InputError(f"{name} must be a list of names, not {values!r}")
             if len(set(values)) != len(values):
@@ -180,6 +181,7 @@ class WorldModelConfig:
             or (region[:2, 0] == region[:2, 1]).any()
         ):
             raise InputError(f"region must be ((x0, x1), (y0, y1), (z0, z1)), ascending, not {self.region!r}")
+        require_kind("quantities", self.quantities, Mapping)
         for name, usual in self.quantities.items():
             pair = as_finite(f"quantities[{name!r}]", usual)
             if pair.shape != (2,) or pair[1] <= 0.0:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import NoneType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite, as_shape
+from estimation.checks import FloatArray, as_finite, as_shape, require_kind
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 from world_model.camera.camera_view import CameraView
@@ -18,6 +19,15 @@ Distribution = Mapping[str, float]
 SUM_TOLERANCE = 0.01
 SMALLEST_VARIANCE = 1e-8
 """m²; a detector that claims to be better than 0.1 mm in some direction is not believed."""
+
+
+KINDS: Mapping[str, tuple[type, ...]] = {
+    "attributes": (dict, Mapping),
+    "object_id": (str, NoneType),
+    "quantities": (dict, Mapping),
+    "begins": (bool, np.bool_),
+}
+"""Of the fields of `ObjectEvidence` that are no numbers."""
 
 
 @dataclass
@@ -75,7 +85,7 @@ class SensorCone:
         try:
             pose, far, angle = given["pose"], float(given["range"]), float(given["angle"])
             near, vertical = float(given.get("range_min", 0.0)), float(given.get("vertical_angle", 0.0))
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
                 f'sensor must be {{"pose": (x, y, z, yaw), "range": m, "angle": rad}}, not {given!r}'
             ) from error
@@ -111,25 +121,37 @@ class Measurements:
         return replace(self, positions=self.positions[which], covariances=self.covariances[which], **some)
 
 
+def detections(evidence: WorldEvidence) -> list[ObjectEvidence]:
+    """The detections, each field of its kind; raises InputError naming detection and field."""
+    require_kind("evidence", evidence, WorldEvidence)
+    require_kind("objects", evidence.objects, Iterable)
+    require_kind("blocked", evidence.blocked, bool, np.bool_)
+    require_kind("view", evidence.view, CameraView, NoneType)
+    objects = list(evidence.objects)
+    for index, item in enumerate(objects):
+        require_kind(f"objects[{index}]", item, ObjectEvidence)
+        for name, kinds in KINDS.items():
+            if not isinstance(getattr(item, name), kinds):  # a name is made for what is wrong only
+                require_kind(f"objects[{index}].{name}", getattr(item, name), *kinds)
+    return objects
+
+
 def checked(evidence: WorldEvidence, sigma: float) -> Measurements:
     """Evidence as arrays; raises InputError naming detection and field before anything was changed."""
-    if not isinstance(evidence, WorldEvidence):
-        raise InputError(f"evidence must be a WorldEvidence, not {type(evidence).__name__}")
-    objects = list(evidence.objects)
+    objects = detections(evidence)
     cone = evidence.view.sensor if evidence.sensor is None and evidence.view is not None else evidence.sensor
     sensor = None if cone is None else SensorCone.checked(cone)
     positions, covariances = np.empty((len(objects), 3)), np.empty((len(objects), 3, 3))
     for index, item in enumerate(objects):
-        if not isinstance(item, ObjectEvidence):
-            raise InputError(f"objects[{index}] must be an ObjectEvidence, not {type(item).__name__}")
         positions[index] = as_shape(f"objects[{index}].position", item.position, (3,))
         given = sigma**2 * np.eye(3) if item.covariance is None else item.covariance
         covariances[index] = as_shape(f"objects[{index}].covariance", given, (3, 3))
         for name, distribution in item.attributes.items():
             _check_distribution(f"objects[{index}].attributes[{name!r}]", distribution)
-    if not np.isfinite(positions).all():
-        bad = int(np.flatnonzero(~np.isfinite(positions).all(1))[0])
-        raise InputError(f"objects[{bad}].position must be finite; it holds NaN or infinity")
+    for name, values in (("position", positions), ("covariance", covariances.reshape(-1, 9))):
+        bad = np.flatnonzero(~np.isfinite(values).all(1))
+        if bad.size:
+            raise InputError(f"objects[{bad[0]}].{name} must be finite; it holds NaN or infinity")
     return Measurements(
         positions,
         _definite(covariances),

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import as_vectors
+from estimation.checks import as_number, as_vectors, require_word
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.anchoring.anchoring import Anchoring
 from world_model.calibration.corrections import FIRST_LOOKS, MOST_LOOKS
 from world_model.config import WorldModelConfig
-from world_model.evidence import WorldEvidence, checked
+from world_model.evidence import WorldEvidence, checked, detections
 from world_model.memory.household import SUFFIX, ByNow, Household
 from world_model.memory.store import Store
 from world_model.predictions import Behavior, checked_predictions
@@ -65,7 +65,7 @@ class WorldModel:
             self.store.keep_places(places)
         beside = None if self.store is None or self.store.read_only else routines_path(self.store.path)
         self.household = Household(places or Places(), beside)
-        self._by_now = ByNow(self.config, lambda item: self.words.where(item), self.household)
+        self._by_now = ByNow(self.config, self._where, self.household)
         if places:
             self.anchoring.recall.usual = self.household
         warm_up()
@@ -86,17 +86,15 @@ class WorldModel:
 
         Raises InputError, before anything has changed, naming what is wrong with the evidence.
         """
+        stamp = as_number("stamp", stamp)
         measured = checked(evidence, self.config.measurement_sigma)
         if self.household.aliases and any(measured.object_ids):
             named = tuple(None if name is None else self._symbol(name) for name in measured.object_ids)
             measured = replace(measured, object_ids=named)
-        paths = checked_predictions(predictions, self._anchors.shown.values(), float(stamp))
+        paths = checked_predictions(predictions, self._anchors.shown.values(), stamp)
         fresh = self._anchors.vocabulary.check(measured.attributes)
         for index, given in enumerate(measured.quantities):
             self._anchors.quantities.check(f"objects[{index}]", given)
-        stamp = float(stamp)
-        if not np.isfinite(stamp):
-            raise InputError(f"stamp must be a finite number of seconds, not {stamp!r}")
         if stamp < self.stamp - self.config.late_window:
             self.reset()
         for name, value in fresh:
@@ -132,7 +130,7 @@ class WorldModel:
 
         wordless : keep them without their words, for known objects only: what is called by a wrong word is there.
         """
-        objects = list(evidence.objects)
+        objects = detections(evidence)
         refused = self._anchors.refused([(item.attributes, item.quantities) for item in objects])
         if not refused:
             return evidence, refused
@@ -156,9 +154,13 @@ class WorldModel:
         self._anchors.find(symbol)
         return self.household.explain(symbol, self.stamp)
 
+    def _where(self, item: WorldObject) -> Mapping[str, float]:
+        """By the words that are in use: they can be replaced, and copies of the model have their own."""
+        return self.words.where(item)
+
     def _symbol(self, object_id: str) -> str:
         """The symbol of an object by that or by one it had before."""
-        alias = self.household.aliases.get(object_id)
+        alias = self.household.aliases.get(require_word("object_id", object_id))
         if alias is None or any(track.id == object_id for track in self._anchors.tracks.values()):
             return object_id
         return alias
@@ -185,9 +187,7 @@ class WorldModel:
 
     def propagate(self, stamp: float) -> WorldState:
         """The most probable world at `stamp`, without evidence; the model itself stays as it is."""
-        stamp = float(stamp)
-        if not np.isfinite(stamp):
-            raise InputError(f"stamp must be a finite number of seconds, not {stamp!r}")
+        stamp = as_number("stamp", stamp)
         objects = self._by_now.told(self.anchoring.presentation.predicted(stamp), stamp)
         expected = float(sum(item.existence for item in objects))
         return WorldState(
@@ -204,7 +204,7 @@ class WorldModel:
         checked_request = Request.checked(**request)
         if checked_request.object_id:
             checked_request = replace(checked_request, object_id=self._symbol(checked_request.object_id))
-        if stamp == LAST_SEEN:
+        if isinstance(stamp, str) and stamp == LAST_SEEN:
             stamp = last_seen(_worlds_at(self, None)[0], self.store, checked_request.region, self.words)
         worlds, moment = _worlds_at(self, stamp)
         return ask(worlds, checked_request, moment, self.words)
@@ -215,11 +215,11 @@ class WorldModel:
         After "not_found" the object is lost: anywhere in its room, not deleted. Raises InputError for an unknown
         id or outcome.
         """
-        if outcome not in OUTCOMES:
+        if require_word("outcome", outcome) not in OUTCOMES:
             raise InputError(f"outcome: one of {', '.join(OUTCOMES)}, got {outcome!r}")
         object_id = self._symbol(object_id)
         track = self._anchors.find(object_id)
-        self.stamp = max(float(stamp), self.stamp)
+        self.stamp = max(as_number("stamp", stamp), self.stamp)
         if outcome == "not_found":
             region = _room_of(self._state().find(object_id), self.places, self.config.region[2])
             self.anchoring.objects.lose(track, self.stamp, region)
@@ -234,7 +234,7 @@ class WorldModel:
         start, points = as_vectors("origin", origin, 3), as_vectors("ends", ends, 3)
         if start.ndim != 1 or points.ndim != 2:
             raise InputError(f"origin (3,) and ends (N, 3) expected, not {start.shape} and {points.shape}")
-        self.stamp = max(float(stamp), self.stamp)
+        self.stamp = max(as_number("stamp", stamp), self.stamp)
         self._anchors.stamp = self.stamp
         self.anchoring.beliefs.show(self.anchoring.bodies.pass_through(start, points, self.stamp))
         return self._recorded(self._state())
@@ -249,6 +249,9 @@ class WorldModel:
 
         Raises InputError for an unknown id, an id in use, or a class that is none of those the configuration names.
         """
+        given = {"object_id": object_id, "class_name": class_name, "new_object_id": new_object_id}
+        for name, word in given.items():
+            require_word(name, word)
         track = self._anchors.find(object_id)
         if class_name:
             # A class that was never seen is one of any names that are allowed.
@@ -274,8 +277,10 @@ class WorldModel:
 
         names : the highest number in use by class, so that no symbol is given twice.
         """
+        # A run that nothing has been seen in has no stamp yet.
+        stamp = stamp if stamp == -np.inf else as_number("stamp", stamp)
         self.anchoring.reset()
-        self.stamp, self.epoch = float(stamp), epoch
+        self.stamp, self.epoch = stamp, epoch
         self._believe(objects, names or {})
 
     def _believe(self, objects: Iterable[WorldObject], names: Mapping[str, int]) -> None:
@@ -336,17 +341,21 @@ def _worlds_at(model: WorldModel, stamp: float | str | None) -> tuple[list[World
 
     Raises InputError for a stamp that is no number, and for the past where nothing is remembered.
     """
-    if stamp is None or stamp == model.stamp:
-        return [(state.probability, state.objects) for state in model.hypotheses()], model.stamp
-    if isinstance(stamp, bool) or not isinstance(stamp, (int, float)) or not np.isfinite(stamp):
+    if stamp is None:
+        stamp = model.stamp
+    elif isinstance(stamp, str):
         raise InputError(f'stamp must be seconds, "{LAST_SEEN}" or None, not {stamp!r}')
+    else:
+        stamp = as_number("stamp", stamp)
+    if stamp == model.stamp:
+        return [(state.probability, state.objects) for state in model.hypotheses()], model.stamp
     if stamp > model.stamp:
-        return [(1.0, model.propagate(stamp).objects)], float(stamp)
+        return [(1.0, model.propagate(stamp).objects)], stamp
     if model.store is None:
         raise InputError(
             f"stamp: {stamp:g} is in the past; only a world model with a store remembers the past"
         )
-    return [(1.0, model.store.objects_at(stamp))], float(stamp)
+    return [(1.0, model.store.objects_at(stamp))], stamp
 
 
 def _room_of(item: WorldObject | None, places: Places | None, heights: tuple[float, float]) -> Box | None:

@@ -6,13 +6,14 @@ is in the region; for the present this is summed over all hypotheses.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from estimation.checks import require_count, require_within, require_word
 from estimation.errors import InputError
 from estimation.geometry.places import LIKELY, Place, Places
 from world_model.describing import ago, named
@@ -57,20 +58,17 @@ class Request:
     @classmethod
     def checked(cls, **given: Any) -> Request:
         """From the keyword arguments of `WorldModel.query`. Raises InputError naming the argument."""
-        predicate = given.pop("predicate", None) or ()
-        words = (predicate,) if isinstance(predicate, str) else tuple(predicate)
-        for name in ("class_name", "object_id"):
-            given[name] = given.get(name) or ""
-            if not isinstance(given[name], str):
-                raise InputError(f"{name} must be a name, not {given[name]!r}")
-        if not all(isinstance(word, str) for word in words):
+        predicate = given.pop("predicate", None)
+        words = (predicate,) if isinstance(predicate, str) else () if predicate is None else predicate
+        if not isinstance(words, Collection) or not all(isinstance(word, str) for word in words):
             raise InputError(f"predicate must be one symbol or several, not {predicate!r}")
-        least = given.get("min_probability", 0.0)
-        if isinstance(least, bool) or not isinstance(least, (int, float)) or not 0.0 <= least <= 1.0:
-            raise InputError(f"min_probability must be in [0, 1], not {least!r}")
-        limit = given.get("limit")
-        if limit is not None and (not isinstance(limit, int) or limit < 1):
-            raise InputError(f"limit must be a whole number of at least 1, not {limit!r}")
+        words = tuple(word for word in words if word)
+        for name in ("class_name", "object_id"):
+            given[name] = "" if given.get(name) is None else require_word(name, given[name])
+        if "min_probability" in given:
+            given["min_probability"] = require_within("min_probability", given["min_probability"], 0.0, 1.0)
+        if given.get("limit") is not None:
+            given["limit"] = require_count("limit", given["limit"])
         return cls(predicates=words, **given)
 
 

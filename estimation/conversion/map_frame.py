@@ -11,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_vectors
+from estimation.checks import FloatArray, as_vectors, require_count
 from estimation.conversion.conversion_kernels import NO_COVARIANCE, NO_POSE, ucm_batch
 from estimation.conversion.polar import (
     SIGMA_POINT,
     Method,
     check_angle,
+    check_measurement,
     check_method,
-    check_positive,
     local_moments,
     moments_of_samples,
     rotate_local,
@@ -59,8 +59,7 @@ def convert_to_map(
     """
     check_method(method)
     pose, P = check_pose(robot_pose, robot_covariance)
-    r, sr = check_positive("range_", range_), check_positive("sigma_range", sigma_range)
-    theta, st = check_angle("bearing", bearing), check_positive("sigma_bearing", sigma_bearing)
+    r, theta, sr, st = check_measurement(range_, bearing, sigma_range, sigma_bearing)
     if method == "sampled":
         return moments_of_samples(sample_in_map(pose, P, r, theta, sr, st, samples, seed))
     total = np.sqrt(st**2 + P[2, 2])
@@ -95,12 +94,9 @@ def sample_in_map(
 ) -> FloatArray:
     """Samples (N, ..., 2), m, of where the measured object is in the map: robot pose and measurement drawn."""
     pose, P = check_pose(robot_pose, robot_covariance)
-    if samples < 2:
-        raise InputError(f"samples must be at least 2, not {samples!r}")
+    samples = require_count("samples", samples, 2)
     rng = np.random.default_rng(seed)
-    r, theta, sr, st = (
-        np.asarray(v, dtype=np.float64) for v in (range_, bearing, sigma_range, sigma_bearing)
-    )
+    r, theta, sr, st = check_measurement(range_, bearing, sigma_range, sigma_bearing)
     shape = (samples, *np.broadcast_shapes(r.shape, theta.shape, sr.shape, st.shape))
     values, vectors = np.linalg.eigh(P)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -125,8 +121,7 @@ def convert_with_ratio(
     position_in_ratio : whether K compares the covariances in the map, with the robot's position covariance
     in both (True), or those of the polar measurement alone (False).
     """
-    r, sr = check_positive("range_", range_), check_positive("sigma_range", sigma_range)
-    theta, st = check_angle("bearing", bearing), check_positive("sigma_bearing", sigma_bearing)
+    r, theta, sr, st = check_measurement(range_, bearing, sigma_range, sigma_bearing)
     pose, P = NO_POSE, NO_COVARIANCE
     if robot_pose is not None:
         pose, P = check_pose(robot_pose, NO_COVARIANCE if robot_covariance is None else robot_covariance)

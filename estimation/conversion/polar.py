@@ -21,8 +21,9 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite, as_square
+from estimation.checks import FloatArray, as_finite, as_square, require_count, require_fitting
 from estimation.errors import InputError
+from estimation.filters.gaussians import repair_covariance
 from estimation.filters.normality import mardia_statistics, mardia_test
 
 __all__ = [
@@ -56,6 +57,16 @@ def check_angle(name: str, value: npt.ArrayLike, limit: float = np.pi) -> FloatA
             f"{name} must be within ±{limit:.6g} rad; its largest magnitude is {np.abs(array).max():g}"
         )
     return array
+
+
+def check_measurement(
+    range_: npt.ArrayLike, bearing: npt.ArrayLike, sigma_range: npt.ArrayLike, sigma_bearing: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Range, bearing and their standard deviations as arrays that broadcast; InputError naming the argument."""
+    r, sr = check_positive("range_", range_), check_positive("sigma_range", sigma_range)
+    theta, st = check_angle("bearing", bearing), check_positive("sigma_bearing", sigma_bearing)
+    require_fitting(range_=r, bearing=theta, sigma_range=sr, sigma_bearing=st)
+    return r, theta, sr, st
 
 
 def check_method(method: str) -> None:
@@ -123,8 +134,7 @@ def convert(
     Raises InputError naming the argument.
     """
     check_method(method)
-    r, sr = check_positive("range_", range_), check_positive("sigma_range", sigma_range)
-    theta, st = check_angle("bearing", bearing), check_positive("sigma_bearing", sigma_bearing)
+    r, theta, sr, st = check_measurement(range_, bearing, sigma_range, sigma_bearing)
     if method == "sampled":
         points = convert_samples(r, theta, sr, st, samples, seed)
         return moments_of_samples(points)
@@ -150,12 +160,14 @@ def convert_samples(
     seed: int | np.random.Generator = 0,
 ) -> FloatArray:
     """Samples (N, ..., 2), m, of polar measurements drawn with their noise and converted with (6.3)."""
-    if samples < 2:
-        raise InputError(f"samples must be at least 2, not {samples!r}")
+    samples = require_count("samples", samples, 2)
     arrays = [as_finite(n, v) for n, v in (("range_", range_), ("bearing", bearing))]
     arrays += [as_finite(n, v) for n, v in (("sigma_range", sigma_range), ("sigma_bearing", sigma_bearing))]
     rng = np.random.default_rng(seed)
-    shape = (samples, *np.broadcast_shapes(*(a.shape for a in arrays)))
+    shape = (
+        samples,
+        *require_fitting(range_=arrays[0], bearing=arrays[1], sigma_range=arrays[2], sigma_bearing=arrays[3]),
+    )
     r = arrays[0] + arrays[2] * rng.standard_normal(shape)
     theta = arrays[1] + arrays[3] * rng.standard_normal(shape)
     return np.stack([r * np.cos(theta), r * np.sin(theta)], -1)
@@ -174,15 +186,14 @@ def condition_ratio(
     the bearing, added to both; without it K depends on σ_range / range and σ_bearing only. A float for
     scalars, else (...). Above 1.075, (6.13), the converted measurement no longer looks Gaussian.
     """
-    r, sr = check_positive("range_", range_), check_positive("sigma_range", sigma_range)
-    theta, st = check_angle("bearing", bearing), check_positive("sigma_bearing", sigma_bearing)
+    r, theta, sr, st = check_measurement(range_, bearing, sigma_range, sigma_bearing)
     _, u_along, u_across = local_moments(r, sr, st, "ucm")
     _, l_along, l_across = local_moments(r, sr, st, "linear")
     if position_covariance is None:
         ratio = _axis_ratio(u_along, u_across) / _axis_ratio(l_along, l_across)
         ratio = np.broadcast_to(ratio, np.broadcast_shapes(ratio.shape, theta.shape))
     else:
-        Sigma = as_square("position_covariance", position_covariance, 2)
+        Sigma = as_square("position_covariance", repair_covariance(position_covariance, definite=False), 2)
         u = rotate_local(theta, *np.broadcast_arrays(u_along, u_across)) + Sigma
         lin = rotate_local(theta, *np.broadcast_arrays(l_along, l_across)) + Sigma
         ratio = _eigenvalue_ratio(u) / _eigenvalue_ratio(lin)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_vectors
+from estimation.checks import FloatArray, as_vectors, require_count, require_fitting
 from estimation.conversion.polar import (
     SIGMA_POINT,
     Method,
@@ -109,15 +109,18 @@ def convert_spherical(
     deviations > 0, m and rad. Scalars or arrays that broadcast. Raises InputError naming the argument.
     """
     check_method(method)
-    r, b, e, sr, sb, se = np.broadcast_arrays(
-        check_positive("range_", range_),
-        check_angle("bearing", bearing),
-        check_angle("elevation", elevation, np.pi / 2),
-        check_positive("sigma_range", sigma_range),
-        check_positive("sigma_bearing", sigma_bearing),
-        check_positive("sigma_elevation", sigma_elevation),
-    )
+    given = {
+        "range_": check_positive("range_", range_),
+        "bearing": check_angle("bearing", bearing),
+        "elevation": check_angle("elevation", elevation, np.pi / 2),
+        "sigma_range": check_positive("sigma_range", sigma_range),
+        "sigma_bearing": check_positive("sigma_bearing", sigma_bearing),
+        "sigma_elevation": check_positive("sigma_elevation", sigma_elevation),
+    }
+    require_fitting(**given)
+    r, b, e, sr, sb, se = np.broadcast_arrays(*given.values())
     if method == "sampled":
+        samples = require_count("samples", samples, 2)
         rng = np.random.default_rng(seed)
         noise = rng.standard_normal((samples, 3, *r.shape))
         points = spherical_points(r + sr * noise[:, 0], b + sb * noise[:, 1], e + se * noise[:, 2])

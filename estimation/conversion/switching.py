@@ -31,7 +31,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
-from estimation.checks import FloatArray, as_floats, as_points, as_shape, as_vectors, require_count
+from estimation.checks import FloatArray, as_floats, as_number, as_points, as_shape, as_vectors, require_count
 from estimation.conversion import switching_kernels as kernels
 from estimation.conversion.conversion_kernels import to_map_ucm
 from estimation.conversion.particles import STAGE_SMOOTHING, Particles, unrelated
@@ -113,8 +113,8 @@ class SwitchingBank:
         self._particles = require_count("particles", particles, 10)
         self._samples = require_count("samples", samples, 2)
         self._interval = require_count("mardia_interval", mardia_interval)
-        self._limit = float(k_crit)
-        if not self._limit >= 0.0:
+        self._limit = np.inf if k_crit == np.inf else as_number("k_crit", k_crit)
+        if self._limit < 0.0:
             raise InputError(f"k_crit must be a number of at least 0, not {k_crit!r}")
         self._position_in_ratio, self._decorrelated = bool(position_in_ratio), bool(decorrelated)
         seed = require_count("seed", seed, 0)

@@ -27,7 +27,7 @@ def through_uncertain_pose(
     the map. pose_covariance (3, 3) : of its x, y, yaw. Height is untouched. Raises InputError naming the argument.
     """
     p = require_finite("position", as_shape("position", position, (3,)))
-    R = as_shape("covariance", covariance, (3, 3))
+    R = require_finite("covariance", as_shape("covariance", covariance, (3, 3)))
     t, P = _checked(origin, pose_covariance)
     first = math.exp(-0.5 * P[2, 2])
     arm = p[:2] - t
@@ -50,7 +50,7 @@ def state_through_uncertain_pose(
     with covariance (4, 4). Raises InputError naming the argument.
     """
     x = require_finite("state", as_shape("state", state, (4,)))
-    R = as_shape("covariance", covariance, (4, 4))
+    R = require_finite("covariance", as_shape("covariance", covariance, (4, 4)))
     t, P = _checked(origin, pose_covariance)
     first = math.exp(-0.5 * P[2, 2])
     relative = np.concatenate((x[:2] - t, x[2:]))

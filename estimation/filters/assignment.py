@@ -17,13 +17,16 @@ def cheapest(costs: FloatArray) -> tuple[IntArray, IntArray]:
     """Rows and columns (min(n, m),) of the cheapest assignment; scipy's `linear_sum_assignment`, in its words.
 
     scipy.optimize holds 7 MiB of each process that imports it; a node that never assigns does without. Raises
-    InputError for costs that are NaN.
+    InputError for costs that are NaN, and where forbidden pairs (inf) leave no assignment.
     """
     from scipy.optimize import linear_sum_assignment
 
     if np.isnan(costs).any():
         raise InputError("costs must not hold NaN")
-    rows, columns = linear_sum_assignment(costs)
+    try:
+        rows, columns = linear_sum_assignment(costs)
+    except ValueError as error:
+        raise InputError(f"costs (n, m) without an assignment: {error}") from error
     return rows, columns
 
 

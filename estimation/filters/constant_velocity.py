@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.checks import FloatArray, require_positive
+from estimation.checks import FloatArray, as_number, require_positive
 from estimation.errors import InputError
 
 
@@ -25,7 +25,7 @@ class ConstantVelocity:
 
     def matrices(self, dt: float) -> tuple[FloatArray, FloatArray]:
         """F and Q (4, 4) over dt ≥ 0, s; exact for any dt, so that two short steps equal one long one."""
-        check_step(dt)
+        dt = check_step(dt)
         F = np.eye(4)
         F[0, 2] = F[1, 3] = dt
         q = self.acceleration**2
@@ -38,7 +38,7 @@ class ConstantVelocity:
 
 def check_step(dt: float) -> float:
     """`dt` as a float; InputError unless finite and at least 0."""
-    step = float(dt)
-    if not 0.0 <= step < np.inf:
+    step = as_number("dt", dt)
+    if step < 0.0:
         raise InputError(f"dt must be a finite number of at least 0 s, not {dt!r}")
     return step

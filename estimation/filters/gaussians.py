@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_square
+from estimation.checks import FloatArray, as_square, require_symmetric
 from estimation.errors import InputError
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
@@ -34,24 +34,20 @@ def repair_covariance(
 ) -> FloatArray:
     """`covariance` (..., d, d), symmetric and positive definite, repaired where only rounding denies that.
 
-    Asymmetry and eigenvalues down to -1e-9 of the largest are rounding: the eigenvalues are raised to 1e-12 of
+    Asymmetry of 1e-6 and eigenvalues down to -1e-9 of the largest are rounding: the eigenvalues are raised to 1e-12 of
     the largest and `repairs.count` grows by one per matrix. With `definite` false eigenvalues of zero are left
     as they are, a zero matrix included. Raises InputError naming `name` for anything worse.
     """
     P = as_square(name, covariance)
     transposed = np.swapaxes(P, -1, -2)
-    if definite:
-        try:
-            np.linalg.cholesky(P)
-        except np.linalg.LinAlgError:
-            pass
-        else:
-            if (transposed == P).all():
-                return P
-    largest = np.abs(P).max(axis=(-1, -2), initial=0.0)
-    if (np.abs(P - transposed).max(axis=(-1, -2), initial=0.0) > ROUNDING * largest).any():
-        raise InputError(f"{name} must be symmetric")
-    symmetric = 0.5 * (P + transposed)
+    try:
+        np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        pass
+    else:
+        if (transposed == P).all():
+            return P
+    symmetric = 0.5 * (require_symmetric(name, P) + transposed)
     values, vectors = np.linalg.eigh(symmetric)
     top = values[..., -1:]
     if (values < -ROUNDING * np.abs(top)).any() or (definite and (top <= 0).any()):

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincinv, ndtri
 
-from estimation.checks import FloatArray, as_points
+from estimation.checks import FloatArray, as_number, as_points
 from estimation.errors import InputError
 
 
@@ -78,7 +78,7 @@ def mardia_test(samples: npt.ArrayLike, alpha: float = 0.05) -> bool:
 
     alpha : rate at which samples of a Gaussian fail, shared evenly by the two statistics.
     """
-    if not 0.0 < alpha < 1.0:
+    if not 0.0 < as_number("alpha", alpha) < 1.0:
         raise InputError(f"alpha must be between 0 and 1, not {alpha!r}")
     found = mardia_statistics(samples)
     skewness_limit, kurtosis_limit = _limits(float(alpha), np.shape(samples)[1])

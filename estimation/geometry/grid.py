@@ -14,7 +14,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_points, as_vectors, require_positive
+from estimation.checks import (
+    FloatArray,
+    as_finite,
+    as_floats,
+    as_number,
+    as_own,
+    as_points,
+    as_vectors,
+    require_positive,
+)
 from estimation.errors import InputError
 from estimation.geometry.grid_kernels import MOST_TILES, TILE, cast_rays, mark_scan, mark_visible
 
@@ -53,10 +62,10 @@ class OccupancyGrid:
         log_odds: npt.ArrayLike | None = None,
     ) -> None:
         self.resolution = require_positive("resolution", resolution)
-        self.origin = as_vectors("origin", origin, 2)
+        self.origin = as_own("origin", origin, (2,))
         self.log_odds = np.zeros((0, 0), dtype=np.float32)
         if log_odds is not None:
-            self.log_odds = np.array(log_odds, dtype=np.float32)
+            self.log_odds = as_floats("log_odds", log_odds).astype(np.float32)
         if self.log_odds.ndim != 2 or not np.isfinite(self.log_odds).all():
             raise InputError(
                 f"log_odds: finite array (H, W) expected, got one of shape {self.log_odds.shape}"
@@ -68,11 +77,14 @@ class OccupancyGrid:
     ) -> OccupancyGrid:
         """Grid of occupancy values (H, W) as in nav_msgs/OccupancyGrid: 0 free to 100 occupied, -1 unknown.
 
-        Raises InputError: values outside -1 to 100, or not two-dimensional.
+        Raises InputError: values other than the whole numbers from -1 to 100, or not two-dimensional.
         """
-        cells = np.asarray(values)
-        if cells.ndim != 2 or (cells.size and (cells.min() < -1 or cells.max() > 100)):
-            raise InputError("values: array (H, W) of -1 to 100 expected")
+        cells = np.asarray(as_floats("values", values) if not isinstance(values, np.ndarray) else values)
+        whole = cells.dtype.kind in "iu" or (
+            cells.dtype.kind == "f" and bool((cells == np.rint(cells)).all())
+        )
+        if cells.ndim != 2 or not whole or (cells.size and (cells.min() < -1 or cells.max() > 100)):
+            raise InputError("values: array (H, W) of whole numbers from -1 to 100 expected")
         share = np.clip(np.arange(101), 1, 99) / 100
         # -1 is the last of the table.
         table = np.append(np.log(share / (1.0 - share)), 0.0).astype(np.float32)
@@ -104,13 +116,13 @@ class OccupancyGrid:
 
     def cells(self, points: npt.ArrayLike) -> npt.NDArray[np.int64]:
         """Row and column (..., 2) of points (..., 2), metres; they may lie outside the grid."""
-        array = np.asarray(points, dtype=np.float64)
+        array = as_vectors("points", points, 2)
         cells = np.clip(np.floor((array - self.origin) / self.resolution), -FARTHEST_CELL, FARTHEST_CELL)
         return cells.astype(np.int64)[..., ::-1]
 
     def centres(self, cells: npt.ArrayLike) -> FloatArray:
         """Points (..., 2) in the middle of cells (..., 2), row and column."""
-        index = np.asarray(cells, dtype=np.float64)[..., ::-1]
+        index = as_vectors("cells", cells, 2)[..., ::-1]
         return self.origin + (index + 0.5) * self.resolution
 
     def inside(self, cells: npt.ArrayLike) -> Mask:
@@ -154,6 +166,8 @@ class OccupancyGrid:
         weight : 1 for one look; less where looks are not independent. A cell is changed once per scan.
         Raises InputError: wrong shapes, numbers that are not finite, or too far away for a grid that has all in it.
         """
+        if as_number("weight", weight) < 0.0:
+            raise InputError(f"weight must be at least 0, not {weight!r}")
         start, ends = placed_scan(pose, points, 1.0)
         every = np.vstack((ends, start[None]))
         self.include(every.min(axis=0), every.max(axis=0))
@@ -174,8 +188,10 @@ class OccupancyGrid:
         position : (2,) metres. headings : (M,) radians in the map frame. max_range : metres.
         through_unknown : whether unknown cells, and those outside the grid, let a ray pass.
         """
-        origin = (as_vectors("position", position, 2) - self.origin) / self.resolution
-        angles = np.atleast_1d(np.asarray(headings, dtype=np.float64))
+        origin = (as_own("position", position, (2,)) - self.origin) / self.resolution
+        angles = np.atleast_1d(as_finite("headings", headings))
+        if angles.ndim != 1:
+            raise InputError(f"headings must have shape (M,), not {angles.shape}")
         reach = require_positive("max_range", max_range) / self.resolution
         cells = cast_rays(
             self.log_odds, origin, angles, reach, OCCUPIED_OVER, FREE_BELOW, bool(through_unknown)
@@ -190,7 +206,10 @@ class OccupancyGrid:
         pose : (3,) x, y, yaw. max_range : metres. opening : full angle of view, radians.
         margin : metres nearer than which nothing is seen. Union over poses is what a path has covered.
         """
-        sensor = as_vectors("pose", pose, 3)
+        sensor = as_own("pose", pose, (3,))
+        opening = min(require_positive("opening", opening), 2.0 * math.pi)
+        if as_number("margin", margin) < 0.0:
+            raise InputError(f"margin must be at least 0 m, not {margin!r}")
         seen = np.zeros(self.shape, dtype=np.bool_)
         if seen.size:
             start = (sensor[:2] - self.origin) / self.resolution
@@ -252,7 +271,7 @@ def placed_scan(
     pose : (3,) x, y, yaw of the sensor in the map. points : (N, 2) returns in the sensor frame, metres.
     Raises InputError: wrong shapes, numbers that are not finite, a place or a width that no grid can have.
     """
-    sensor = as_vectors("pose", pose, 3)
+    sensor = as_own("pose", pose, (3,))
     found = as_points("points", points, 2)
     c, s = math.cos(sensor[2]), math.sin(sensor[2])
     start = sensor[:2] / resolution

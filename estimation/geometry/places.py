@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from estimation.checks import FloatArray, as_finite
+from estimation.checks import FloatArray, as_own, as_points, as_vectors
 from estimation.errors import InputError
+from estimation.filters.gaussians import repair_covariance
 from estimation.geometry.polygons import (
     box_share,
     check_outline,
@@ -46,6 +47,20 @@ class Place:
     type: str = ""
     height: tuple[float, float] = ANY_HEIGHT
     preposition: str = "at"
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise InputError(
+                f"place {self.name!r}, kind: one of {', '.join(KINDS)} expected, got {self.kind!r}"
+            )
+        outline = as_points(f"place {self.name!r}, polygon", self.polygon, 2)
+        if len(outline) < 3:
+            raise InputError(
+                f"place {self.name!r}, polygon: at least three corners expected, got {len(outline)}"
+            )
+        # Areas and probabilities are signed by the order of the corners.
+        ordered = outline if signed_area(outline) > 0.0 else np.ascontiguousarray(outline[::-1])
+        object.__setattr__(self, "polygon", ordered)
 
     @classmethod
     def checked(cls, name: str, given: Mapping[str, Any]) -> Place:
@@ -87,7 +102,7 @@ class Place:
 
     def contains(self, points: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether points (..., 2 | 3), m, are inside; heights count where they are given."""
-        given = as_finite("points", points)
+        given = as_vectors("points", points, 2, 3)
         inside = points_inside(self.polygon, given[..., :2])
         if given.shape[-1] == 3:
             inside &= (given[..., 2] >= self.height[0]) & (given[..., 2] <= self.height[1])
@@ -101,7 +116,7 @@ class Place:
 
     def share(self, box: npt.ArrayLike) -> float:
         """Share of a box ((x0, x1), (y0, y1), (z0, z1)), m, that is inside: of something that may be anywhere in it."""
-        return box_share(self.polygon, self.height, as_finite("box", box))
+        return box_share(self.polygon, self.height, as_own("box", box, (2, 2), (3, 2)))
 
 
 @dataclass(frozen=True)
@@ -174,7 +189,7 @@ class Places:
 
     def room_of(self, position: npt.ArrayLike) -> Place | None:
         """The smallest room around a position (2 | 3,), m; None outside of all."""
-        point = as_finite("position", position)[:2]
+        point = as_own("position", position, (2,), (3,))[:2]
         around = [place for place in self.rooms if place.contains(point)]
         return min(around, key=lambda place: place.area) if around else None
 
@@ -241,9 +256,6 @@ def _pair(name: str, given: Any) -> tuple[float, float]:
 
 
 def _gaussian(position: npt.ArrayLike, covariance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    mean, cov = as_finite("position", position), as_finite("covariance", covariance)
-    if mean.shape not in ((2,), (3,)):
-        raise InputError(f"position must have shape (2,) or (3,), not {mean.shape}")
-    if cov.shape != (len(mean), len(mean)):
-        raise InputError(f"covariance must have shape {(len(mean), len(mean))}, not {cov.shape}")
-    return mean, cov
+    mean = as_own("position", position, (2,), (3,))
+    cov = as_own("covariance", covariance, (len(mean), len(mean)))
+    return mean, repair_covariance(cov, definite=False)

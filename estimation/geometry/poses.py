@@ -16,15 +16,18 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_floats, as_square, as_vectors, require_finite
+from estimation.checks import FloatArray, as_floats, as_square, as_vectors, require_finite, require_fitting
 from estimation.errors import InputError
+from estimation.filters.gaussians import repair_covariance
 from estimation.geometry.rotations import (
     euler_from_quaternion,
     euler_from_rotation,
+    euler_of,
     euler_rates,
     euler_rates_inverse,
     quaternion_from_euler,
     quaternion_from_rotation,
+    require_rigid,
     rotation_2d,
     rotation_from_euler,
     rotation_from_quaternion,
@@ -49,6 +52,8 @@ def _pair(a: npt.ArrayLike, b: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
             raise InputError(f"{name} must have shape (..., 3) or (..., 6), not {pose.shape}")
     if a.shape[-1] != b.shape[-1]:
         raise InputError(f"a and b must both be SE(2) or both SE(3), not {a.shape} and {b.shape}")
+    if a.shape != b.shape:
+        require_fitting(a=a, b=b)
     return a, b
 
 
@@ -81,7 +86,7 @@ def compound(a: npt.ArrayLike, b: npt.ArrayLike) -> FloatArray:
         return np.stack([x, y, wrap_angle(a[..., 2] + b[..., 2])], -1)
     R = rotation_from_euler(a[..., 3:])
     position = (R @ b[..., :3, None])[..., 0] + a[..., :3]
-    return np.concatenate([position, euler_from_rotation(R @ rotation_from_euler(b[..., 3:]))], -1)
+    return np.concatenate([position, euler_of(R @ rotation_from_euler(b[..., 3:]))], -1)
 
 
 def inverse(a: npt.ArrayLike) -> FloatArray:
@@ -98,7 +103,7 @@ def inverse(a: npt.ArrayLike) -> FloatArray:
         y = a[..., 0] * s - a[..., 1] * c
         return np.stack([x, y, wrap_angle(-a[..., 2])], -1)
     R = np.swapaxes(rotation_from_euler(a[..., 3:]), -1, -2)
-    return np.concatenate([-(R @ a[..., :3, None])[..., 0], euler_from_rotation(R)], -1)
+    return np.concatenate([-(R @ a[..., :3, None])[..., 0], euler_of(R)], -1)
 
 
 def between(a: npt.ArrayLike, b: npt.ArrayLike) -> FloatArray:
@@ -192,8 +197,9 @@ def compound_covariance(
     """First-order covariance (..., d, d) of `compound(a, b)` of independent a and b."""
     J1, J2 = compound_jacobians(a, b)
     size = J1.shape[-1]
-    P = as_square("a_covariance", a_covariance, size)
-    Q = as_square("b_covariance", b_covariance, size)
+    P = as_square("a_covariance", repair_covariance(a_covariance, "a_covariance", False), size)
+    Q = as_square("b_covariance", repair_covariance(b_covariance, "b_covariance", False), size)
+    require_fitting(a_and_b=J1[..., 0], a_covariance=P[..., 0], b_covariance=Q[..., 0])
     out = J1 @ P @ np.swapaxes(J1, -1, -2) + J2 @ Q @ np.swapaxes(J2, -1, -2)
     return 0.5 * (out + np.swapaxes(out, -1, -2))
 
@@ -201,7 +207,8 @@ def compound_covariance(
 def inverse_covariance(a: npt.ArrayLike, covariance: npt.ArrayLike) -> FloatArray:
     """First-order covariance (..., d, d) of `inverse(a)`."""
     J = inverse_jacobian(a)
-    P = as_square("covariance", covariance, J.shape[-1])
+    P = as_square("covariance", repair_covariance(covariance, definite=False), J.shape[-1])
+    require_fitting(a=J[..., 0], covariance=P[..., 0])
     out = J @ P @ np.swapaxes(J, -1, -2)
     return 0.5 * (out + np.swapaxes(out, -1, -2))
 
@@ -219,10 +226,10 @@ def pose_to_matrix(pose: npt.ArrayLike) -> FloatArray:
 
 def pose_from_matrix(matrix: npt.ArrayLike) -> FloatArray:
     """SE(2) pose (..., 3) of a homogeneous (..., 3, 3), SE(3) pose (..., 6) of a (..., 4, 4)."""
-    T = as_square("matrix", matrix, 3, 4)
+    T = require_rigid("matrix", as_square("matrix", matrix, 3, 4))
     if T.shape[-1] == 3:
         return np.stack([T[..., 0, 2], T[..., 1, 2], np.arctan2(T[..., 1, 0], T[..., 0, 0])], -1)
-    return np.concatenate([T[..., :3, 3], euler_from_rotation(T[..., :3, :3])], -1)
+    return np.concatenate([T[..., :3, 3], euler_of(T[..., :3, :3])], -1)
 
 
 def pose_to_quaternion(pose: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -242,6 +249,8 @@ def pose_from_quaternion(position: npt.ArrayLike, quaternion: npt.ArrayLike) -> 
     """
     position = as_vectors("position", position, 2, 3)
     euler = euler_from_quaternion(quaternion)
+    if position.shape[:-1] != euler.shape[:-1]:
+        raise InputError(f"position and quaternion must be as many, not {position.shape} and {euler.shape}")
     return np.concatenate([position, euler if position.shape[-1] == 3 else euler[..., 2:]], -1)
 
 

@@ -17,6 +17,8 @@ from estimation.errors import InputError
 
 # cos(pitch) below this counts as gimbal lock: roll and yaw from such a matrix would be rounding noise.
 GIMBAL_LOCK = 1e-7
+# By which R Rᵀ may differ from the identity: of matrices that were written with few digits.
+ROTATION_ROOM = 1e-2
 # A quaternion shorter than this is none.
 SHORTEST = 1e-6
 
@@ -33,7 +35,7 @@ def wrap_angle(angle: npt.NDArray[np.float64]) -> FloatArray: ...
 
 def wrap_angle(angle: float | npt.NDArray[np.float64]) -> float | FloatArray:
     """Angle (rad, scalar or array) brought into (-π, π]; angles already inside are returned unchanged."""
-    if isinstance(angle, int | float):
+    if isinstance(angle, float):
         return wrap_scalar(angle)
     array = as_finite("angle", angle)
     wrapped = array - _TWO_PI * np.rint(array / _TWO_PI)
@@ -72,13 +74,34 @@ def rotation_from_euler(euler: npt.ArrayLike) -> FloatArray:
     return out
 
 
+def require_rotation(name: str, value: FloatArray) -> FloatArray:
+    """Rotation matrices (..., d, d), unchanged; InputError where one scales, shears, mirrors or is not finite."""
+    apart = np.abs(value @ np.swapaxes(value, -1, -2) - np.eye(value.shape[-1])).max(initial=0.0)
+    if not apart <= ROTATION_ROOM or (np.linalg.det(value) < 0.0).any():
+        raise InputError(f"{name} must be a rotation matrix; it scales, shears or mirrors")
+    return value
+
+
+def require_rigid(name: str, value: FloatArray) -> FloatArray:
+    """Homogeneous matrices (..., d + 1, d + 1) of poses, unchanged; InputError for any other."""
+    size = value.shape[-1] - 1
+    require_rotation(name, value[..., :size, :size])
+    if (np.abs(value[..., size, :] - np.eye(size + 1)[size]) > ROTATION_ROOM).any():
+        raise InputError(f"{name} must have (0, ..., 0, 1) as its last row")
+    return value
+
+
 def euler_from_rotation(rotation: npt.ArrayLike) -> FloatArray:
     """[roll, pitch, yaw] (..., 3) of a rotation matrix (..., 3, 3).
 
     Pitch is in [-π/2, π/2], the others in (-π, π]. Roll is found by undoing yaw
     first, as in (39), which stays accurate close to gimbal lock.
     """
-    R = as_square("rotation", rotation, 3)
+    return euler_of(require_rotation("rotation", as_square("rotation", rotation, 3)))
+
+
+def euler_of(R: FloatArray) -> FloatArray:
+    """`euler_from_rotation` of what is known to be rotations."""
     cos_pitch = np.hypot(R[..., 0, 0], R[..., 1, 0])
     locked = cos_pitch < GIMBAL_LOCK
     # Locked, with roll = 0: R[0, 1] = -sin(yaw), R[1, 1] = cos(yaw).
@@ -147,7 +170,7 @@ def quaternion_from_rotation(rotation: npt.ArrayLike) -> FloatArray:
     The component of largest magnitude is found from the diagonal and the others are divided by it, so that
     no difference of nearly equal numbers is taken, whatever the rotation.
     """
-    R = as_square("rotation", rotation, 3)
+    R = require_rotation("rotation", as_square("rotation", rotation, 3))
     xx, yy, zz = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     xy, xz, yz = R[..., 1, 0] + R[..., 0, 1], R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] + R[..., 1, 2]
     wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]

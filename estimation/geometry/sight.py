@@ -19,6 +19,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from estimation.checks import as_floats, as_number, as_own, as_points
+from estimation.errors import InputError
+
 AGREES, THROUGH, HIDDEN, UNSEEN = range(4)
 RANGE_SIGMA = 0.03  # metres, of a reading
 BEARING_SIGMA = 0.005  # radians, of a beam
@@ -86,8 +89,15 @@ def sight(
     """What a scan taken at `pose` (3,) says about `points` (N, 2) metres in the frame of that pose: labels (N,).
 
     doubt : metres, standard deviation of the points relative to the scan. ranges : (B,) metres, inf without a return.
-    angle_min, step : radians. The labels are those of `look`.
+    angle_min, step : radians. The labels are those of `look`. Raises InputError naming the argument.
     """
-    labels: Any = np.empty(len(points), dtype=np.int8)
-    _label(points, pose, doubt, ranges, angle_min, step, labels)
+    spots, place = as_points("points", points, 2), as_own("pose", pose, (3,))
+    seen = np.ascontiguousarray(as_floats("ranges", ranges))
+    doubt, first, step = as_number("doubt", doubt), as_number("angle_min", angle_min), as_number("step", step)
+    if seen.ndim != 1 or doubt < 0.0 or step == 0.0:
+        raise InputError(
+            f"ranges (B,), doubt of at least 0 and a step expected, not {seen.shape}, {doubt}, {step}"
+        )
+    labels: Any = np.empty(len(spots), dtype=np.int8)
+    _label(np.ascontiguousarray(spots), place, doubt, seen, first, step, labels)
     return np.asarray(labels)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite, as_points, require_count, require_positive
+from estimation.checks import FloatArray, as_finite, as_number, as_points, require_count, require_positive
 from estimation.errors import InputError
 from estimation.learning.boosting import as_labels, read_json
 from estimation.learning.gradient_boosting_kernels import grow, sum_trees
@@ -190,7 +190,7 @@ class GradientBoosting:
 
 
 def _share(name: str, value: float) -> float:
-    if not 0.0 < value <= 1.0:
+    if not 0.0 < as_number(name, value) <= 1.0:
         raise InputError(f"{name} must be above 0 and at most 1, not {value!r}")
     return float(value)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_floats, as_points, require_positive
+from estimation.checks import FloatArray, as_floats, as_number, as_points, require_positive
 from estimation.errors import InputError
 from estimation.filters.assignment import cheapest
 
@@ -44,7 +44,7 @@ def _distances(X: npt.ArrayLike, Y: npt.ArrayLike) -> FloatArray:
 
 def _check(c: float, p: float) -> None:
     require_positive("c", c)
-    if not 1.0 <= p < np.inf:
+    if not as_number("p", p) >= 1.0:
         raise InputError(f"p must be a finite number of at least 1, not {p!r}")
 
 
@@ -70,7 +70,7 @@ def gospa(X: npt.ArrayLike, Y: npt.ArrayLike, c: float, p: float, alpha: float =
     c : cut-off; p ≥ 1 : order; alpha in (0, 2]: each point too many costs c^p / alpha. Raises InputError.
     """
     _check(c, p)
-    if not 0.0 < alpha <= 2.0:
+    if not 0.0 < as_number("alpha", alpha) <= 2.0:
         raise InputError(f"alpha must be in (0, 2], not {alpha!r}")
     costs = np.minimum(_distances(X, Y), c) ** p
     surplus = abs(costs.shape[0] - costs.shape[1])

@@ -8,7 +8,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincinv
 
-from estimation.checks import FloatArray, as_finite, as_square, as_vectors, require_count
+from estimation.checks import (
+    FloatArray,
+    as_finite,
+    as_number,
+    as_square,
+    as_vectors,
+    require_count,
+    require_fitting,
+    require_symmetric,
+)
 from estimation.errors import InputError
 from estimation.metrics.set_metrics import GospaParts, gospa, gospa_parts, ospa
 from estimation.metrics.trajectory_metrics import (
@@ -43,7 +52,8 @@ def nees(error: npt.ArrayLike, cov: npt.ArrayLike) -> float | FloatArray:
     positive definite.
     """
     e = as_vectors("error", error)
-    P = as_square("cov", cov, e.shape[-1])
+    P = require_symmetric("cov", as_square("cov", cov, e.shape[-1]))
+    require_fitting(error=e, cov=P[..., 0])
     try:
         factor = np.linalg.cholesky(P)
     except np.linalg.LinAlgError as problem:
@@ -59,7 +69,7 @@ def anees_bounds(count: int, dimension: int, confidence: float = 0.95) -> tuple[
     The mean is around `dimension`; the interval leaves (1 - confidence) / 2 out on each side (χ²).
     """
     count, dimension = require_count("count", count), require_count("dimension", dimension)
-    if not 0.0 < confidence < 1.0:
+    if not 0.0 < as_number("confidence", confidence) < 1.0:
         raise InputError(f"confidence must be between 0 and 1, not {confidence!r}")
     tail = 0.5 * (1.0 - confidence)
     low, high = 2.0 * gammaincinv(0.5 * count * dimension, [tail, 1.0 - tail]) / count

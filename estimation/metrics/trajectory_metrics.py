@@ -132,8 +132,12 @@ def absolute_trajectory_error(
 def associate(stamps: npt.ArrayLike, queries: npt.ArrayLike, tolerance: float) -> npt.NDArray[np.int64]:
     """Index (M,) of the nearest of the ascending `stamps` (N,) to each query (M,); -1 beyond tolerance, s."""
     stamps, queries = as_vectors("stamps", stamps), as_vectors("queries", queries)
+    if stamps.ndim != 1 or queries.ndim != 1:
+        raise InputError(f"stamps (N,) and queries (M,) expected, not {stamps.shape} and {queries.shape}")
     if len(stamps) == 0 or (np.diff(stamps) < 0).any():
         raise InputError("stamps must be ascending and not empty")
+    if not tolerance >= 0.0:
+        raise InputError(f"tolerance must be a number of at least 0, not {tolerance!r}")
     right = np.clip(np.searchsorted(stamps, queries), 1, max(len(stamps) - 1, 1))
     right = np.minimum(right, len(stamps) - 1)
     left = np.maximum(right - 1, 0)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_own, require_kind, require_positive
 from estimation.errors import InputError
 from loop_closure.graph.uncertainty import FOUND
 from loop_closure.keyframes import AROUND, MOST, Keyframes
@@ -72,7 +72,8 @@ class Localizer:
     """
 
     def __init__(self, places: Keyframes, poses: FloatArray, initial: FloatArray | None = None) -> None:
-        self._poses = np.asarray(poses, dtype=np.float64)
+        require_kind("places", places, Keyframes)
+        self._poses = as_own("poses", poses, (len(places), 3), (len(places), 4, 4))
         self._map: PlanarMap | SpatialMap
         self._map = (PlanarMap if planar(self._poses) else SpatialMap)(places, self._poses)
         self._recent, self._own = Keyframes(), OwnBody()
@@ -100,7 +101,11 @@ class Localizer:
         ------
         InputError : another shape, or numbers that are not finite.
         """
-        said = as_pose("pose", pose)
+        said, sigma, turn = (
+            as_pose("pose", pose),
+            require_positive("sigma", sigma),
+            require_positive("turn", turn),
+        )
         if planar(self._poses) and not planar(said):
             raise InputError("pose: (3,) expected in a map of scans, got (4, 4)")
         self._pending = self._map.on_the_ground(said)

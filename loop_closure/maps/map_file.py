@@ -124,22 +124,23 @@ def _restored(data: dict[str, FloatArray], slam: Slam) -> Slam:
             data["ends"], data["motions"], data["covariances"], strict=True
         )
     ]
-    slam.restore(frames, data["poses"], edges)
+    closures = []
     known = {(edge.a, edge.b): edge for edge in edges if edge.closure}
     for earlier, later, likelihood, fitness in data["closures"].reshape(-1, 4):
         edge = known.get((int(earlier), int(later)))
         if edge is not None:
-            slam.closures.append(
+            closures.append(
                 Closure(
                     edge.a,
                     edge.b,
                     frames[edge.a].stamp,
                     frames[edge.b].stamp,
-                    edge.motion,
-                    edge.covariance,
+                    edge.motion.copy(),
+                    edge.covariance.copy(),
                     float(likelihood),
                     float(fitness),
                     "from the saved map",
                 )
             )
+    slam.restore(frames, data["poses"], edges, closures)
     return slam

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, require_kind
 from estimation.errors import InputError
 from loop_closure.growing_array import GrowingArray
 from loop_closure.places.features import PlaceFeatures
@@ -75,6 +75,7 @@ class PlaceDatabase:
 
     def append(self, place: PlaceFeatures) -> int:
         """Add a place; returns its index. InputError where it does not match those already there."""
+        require_kind("place", place, PlaceFeatures)
         if self._first is None:
             self._first = place
             self._values = GrowingArray(place.values.shape)
@@ -116,6 +117,7 @@ class PlaceDatabase:
         return self._compared(query, rows, True)
 
     def _compared(self, query: PlaceFeatures, rows: npt.NDArray[np.integer] | None, wide: bool) -> FloatArray:
+        require_kind("query", query, PlaceFeatures)
         narrow = len(query.values) + len(query.histograms)
         width = narrow + (len(query.signature) if wide else 0)
         if self._first is None:
@@ -136,6 +138,7 @@ class PlaceDatabase:
 
 def require_comparable(a: PlaceFeatures, b: PlaceFeatures, wide: bool = False) -> None:
     """InputError unless both places have the same features, bins and max_range, and with `wide` outlines or none."""
+    require_kind("places", b, PlaceFeatures)
     if wide and (a.outline is None) != (b.outline is None):
         raise InputError("places: one has an outline, the other has none")
     if len(a.values) != len(b.values):

@@ -27,7 +27,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite, as_floats, require_positive
+from estimation.checks import FloatArray, as_finite, as_floats, require_kind, require_positive
 from estimation.errors import InputError
 from loop_closure.places import definitions as define
 from loop_closure.places.outlines import Outline, outline_of_scan
@@ -112,6 +112,7 @@ def features_2d(scan: Scan, max_range: float, outline: Outline | None = None) ->
     ------
     InputError : a scan without beams, or max_range (metres) not above 0.
     """
+    require_kind("scan", scan, Scan)
     limit = require_positive("max_range", max_range)
     count = len(scan)
     if count == 0:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_shape, require_positive
+from estimation.checks import FloatArray, as_own, require_kind, require_positive
 from estimation.errors import InputError
 from estimation.geometry.poses import between
 from loop_closure.places.outline_kernels import CELLS, RADIUS, mark_free, reach, thin
@@ -76,9 +76,8 @@ class LocalMap:
 
     def add(self, scan: Scan, pose: npt.ArrayLike) -> None:
         """Take in the next scan and the sensor's pose (3,), metres and radians, in a frame that drifts slowly."""
-        pose = as_shape("pose", pose, (3,))
-        if not np.isfinite(pose).all():
-            raise InputError("pose must be finite")
+        require_kind("scan", scan, Scan)
+        pose = as_own("pose", pose, (3,))
         if self._newest is not None:
             self._travelled += float(np.hypot(*(pose[:2] - self._newest[1][:2])))
         seen = reach(scan.ranges, scan.valid, scan.angle_min, scan.angle_increment, SECTORS)

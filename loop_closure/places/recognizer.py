@@ -11,14 +11,13 @@ looks at the places before the query. Up to `exhaustive` places every one is com
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, require_count
+from estimation.checks import FloatArray, as_number, require_count
 from estimation.errors import InputError
 from loop_closure.places.comparison import PlaceDatabase, pair_features_many
 from loop_closure.places.context import GAP, PREDECESSORS, UNKNOWN, context_features, usual_odds
@@ -86,8 +85,7 @@ class PlaceRecognizer:
         ------
         InputError : features that do not match those already there, or a stamp that is not finite.
         """
-        if not math.isfinite(stamp):
-            raise InputError(f"stamp: finite number of seconds expected, got {stamp}")
+        stamp = as_number("stamp", stamp)
         self._choose(features)
         if self._in_context:
             asked = self._asked
@@ -100,7 +98,7 @@ class PlaceRecognizer:
             if self._index is None:
                 self._index = NearestPlaces(self._embedding.dimension)
             self._index.add(self._embedding(features.signature))
-        self._stamps.append(float(stamp))
+        self._stamps.append(stamp)
         return identity
 
     def keep(self, stay: npt.NDArray[np.bool_]) -> None:

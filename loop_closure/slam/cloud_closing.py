@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_floats
 from estimation.errors import InputError
 from loop_closure.graph.edges import Edge
 from loop_closure.keyframes import AROUND, Keyframes
@@ -147,7 +147,7 @@ def anywhere(source: FloatArray, target: FloatArray) -> tuple[FloatArray, float]
 
 def as_cloud(cloud: npt.ArrayLike) -> FloatArray:
     """`cloud` as an array (N, 3); InputError for another shape."""
-    points = np.asarray(cloud, dtype=np.float64)
+    points = as_floats("scan", cloud)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"scan: Scan or cloud (N, 3) expected, got shape {points.shape}")
     return points

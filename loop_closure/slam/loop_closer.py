@@ -248,8 +248,8 @@ class LoopCloser:
             self.graph.close(closures)
         made = [
             Closure(
-                edge.a, edge.b, self.keyframes[edge.a].stamp, self.keyframes[edge.b].stamp, edge.motion,
-                edge.covariance, fit.likelihood, fit.fitness, reason,
+                edge.a, edge.b, self.keyframes[edge.a].stamp, self.keyframes[edge.b].stamp,
+                edge.motion.copy(), edge.covariance.copy(), fit.likelihood, fit.fitness, reason,
             )
             for edge, fit in zip(closures, fits, strict=True)
         ]  # fmt: skip

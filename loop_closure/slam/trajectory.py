@@ -7,14 +7,16 @@ Slam().trajectory() -> (N, 4) stamp, x, y, yaw
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_number, as_own, require_positive
 from estimation.errors import InputError
+from estimation.filters.gaussians import repair_covariance
 from loop_closure.graph.edges import Edge
 from loop_closure.graph.marginal import renumbered, without
 from loop_closure.graph.pose_graph import PoseGraph, SmoothedGraph
@@ -84,9 +86,8 @@ class Slam:
             raise InputError("thin: nodes can be taken out of a SmoothedGraph only")
         if proposals not in get_args(Proposals):
             raise InputError(f"proposals: {' | '.join(get_args(Proposals))} expected, got {proposals!r}")
-        if pace is not None and not pace > 0.0:
-            raise InputError(f"pace: ms above 0 expected, got {pace}")
-        self.proposals, self._thins, self.pace = proposals, thin, pace
+        self.proposals, self._thins = proposals, thin
+        self.pace = None if pace is None else require_positive("pace", pace)
         self._every_scan = not thin if every_scan is None else every_scan
         self._new_graph, self._aside = graph, aside
         self.reset()
@@ -111,7 +112,7 @@ class Slam:
     @property
     def closures(self) -> list[Closure]:
         """All that were accepted and not taken out again."""
-        return self._closer.closures
+        return list(self._closer.closures)
 
     def process(
         self,
@@ -141,12 +142,13 @@ class Slam:
             raise InputError("proposals: 'places' needs scans; clouds are not classified")
         if self._visits and planar(here) != planar(self._visits.last.odometry):
             raise InputError("scan: scans and clouds cannot be mixed; call reset() first")
-        when = (
-            stamp if stamp is not None else scan.stamp if isinstance(scan, Scan) else float(len(self._visits))
-        )
+        when = float(len(self._visits)) if stamp is None else as_number("stamp", stamp)
+        known = None if covariance is None else _covariance(covariance, 3 if planar(here) else 6)
         if isinstance(scan, Scan):
+            when = scan.stamp if stamp is None else when
             scan = self._own.without(scan, here)
-        known = None if covariance is None else np.asarray(covariance, dtype=np.float64)
+        else:
+            scan = as_cloud(scan)
         if self._frame is not None:
             here = compose(self._frame, here)
         self._take_out_if_due()
@@ -214,12 +216,15 @@ class Slam:
             self._work(Allowance(None))
         self._closer.finish()
 
-    def restore(self, keyframes: Keyframes, poses: FloatArray, edges: list[Edge]) -> None:
+    def restore(
+        self, keyframes: Keyframes, poses: FloatArray, edges: list[Edge], closures: Sequence[Closure] = ()
+    ) -> None:
         """The state of a saved map; `resume` says where its next scan is."""
         self._begin(keyframes)
         if len(poses):
             self.graph.restore(poses, edges)
         self._visits.restore(keyframes)
+        self._closer.closures = list(closures)
 
     def resume(self, correction: FloatArray) -> None:
         """Go on with the map in a new run, whose odometry frame lies at `correction` in the map."""
@@ -244,7 +249,7 @@ class Slam:
     # One keyframe.
 
     def _keep(
-        self, scan: Scan | npt.ArrayLike, here: FloatArray, covariance: FloatArray | None, when: float
+        self, scan: Scan | FloatArray, here: FloatArray, covariance: FloatArray | None, when: float
     ) -> int:
         before = self.keyframes[-1].odometry if len(self.keyframes) else None
         if isinstance(scan, Scan):
@@ -253,7 +258,7 @@ class Slam:
                 scan = at_first_beam(scan, motion(last.odometry, here), when - last.stamp)
             self.keyframes.add_scan(scan, here, self.config.max_range)
         else:
-            points = thinned(as_cloud(scan), 0.5 * LEAF)
+            points = thinned(scan, 0.5 * LEAF)
             better = None if before is None or self._new_run else self._polished(points, before, here)
             if better is not None:
                 # What odometry says of itself does not hold for a step that was measured anew.
@@ -346,3 +351,8 @@ class Slam:
         self._closer.take_out(number)
         self._coming = deque(int(number[k]) for k in self._coming)
         self._thinning.taken_out(number)
+
+
+def _covariance(given: npt.ArrayLike, size: int) -> FloatArray:
+    """The covariance (size, size) of odometry; InputError for another shape, or one that is none."""
+    return repair_covariance(as_own("covariance", given, (size, size)), definite=False)

@@ -83,7 +83,8 @@ class Visits:
     def rows(self, nodes: FloatArray, keyframes: Keyframes) -> FloatArray:
         """(N, 4) or (N, 7) stamp and pose of every scan."""
         poses = self.poses(nodes, keyframes)
-        return np.array([[visit.stamp, *row(pose)] for visit, pose in zip(self._all, poses, strict=True)])
+        rows = [[visit.stamp, *row(pose)] for visit, pose in zip(self._all, poses, strict=True)]
+        return np.array(rows) if rows else np.zeros((0, 4))
 
     def take_out(
         self, nodes: FloatArray, keyframes: Keyframes, number: FloatArray, stands_for: Callable[[int], int]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_floats
 from estimation.errors import InputError
 from registration.clouds.ndt import ndt_clouds
 from registration.result import Registration
@@ -29,7 +29,7 @@ SCHEDULES = (
 
 def checked_cloud(name: str, cloud: NDArray[np.float64]) -> FloatArray:
     """(N, 3) float64, what is not finite dropped."""
-    points = np.asarray(cloud, dtype=np.float64)
+    points = as_floats(name, cloud)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{name}: array (N, 3) expected, got shape {points.shape}")
     return np.ascontiguousarray(points[np.isfinite(points).all(axis=1)])

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.checks import require_kind
 from estimation.errors import InputError
 from estimation.geometry.poses import between
 from estimation.learning.gradient_boosting import GradientBoosting
@@ -79,6 +80,8 @@ class JointModel:
         -------
         JointEstimate : never raises on poor data; `converged` is False and `reason` says why.
         """
+        for name, scan in (("scan_a", scan_a), ("scan_b", scan_b)):
+            require_kind(name, scan, Scan)
         poor = _too_few(scan_a, scan_b)
         if poor is not None:
             return poor

@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_floats
 from estimation.errors import InputError
 from estimation.geometry.sight import sight
 from registration.laser.scan import Scan
@@ -89,7 +89,7 @@ def prepare(name: str, measurement: Scan | ArrayLike) -> PreparedScan:
     """
     if isinstance(measurement, Scan):
         return prepare_scan(measurement)
-    points = np.asarray(measurement, dtype=np.float64)
+    points = as_floats(name, measurement)
     if points.ndim != 2 or points.shape[1] != 2:
         raise InputError(f"{name}: Scan or array (N, 2) or (N, 3) expected, got shape {points.shape}")
     return PreparedScan(points_surface(points[np.isfinite(points).all(axis=1)], NOISE), NOTHING_SEEN)

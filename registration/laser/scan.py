@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.checks import as_floats, as_number
 from estimation.errors import InputError
 
 # Finest and widest step between beams, radians: whatever turns bearings into indices divides by it.
@@ -44,15 +46,15 @@ class Scan:
     time_increment: float = 0.0
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.ranges, dtype=np.float64)
+        # A copy: drivers fill the same buffer anew.
+        values = as_floats("ranges", self.ranges).copy()
         if values.ndim != 1:
             raise InputError(f"ranges: one-dimensional array expected, got shape {values.shape}")
         object.__setattr__(self, "ranges", values)
         for name in ("angle_min", "angle_increment", "range_min", "range_max", "stamp", "time_increment"):
-            value = float(getattr(self, name))
-            if not np.isfinite(value) and name != "range_max":
-                raise InputError(f"{name}: finite number expected, got {value}")
-            object.__setattr__(self, name, value)
+            value = getattr(self, name)
+            unbounded = name == "range_max" and isinstance(value, Real) and value == np.inf
+            object.__setattr__(self, name, np.inf if unbounded else as_number(name, value))
         if not self.range_max > self.range_min:
             raise InputError(f"range_max: must exceed range_min = {self.range_min}, got {self.range_max}")
         if not FINEST <= abs(self.angle_increment) <= TURN:

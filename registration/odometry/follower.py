@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_floats, as_number
 from estimation.errors import InputError
 from registration.laser.own_body import OwnBody
 from registration.laser.scan import Scan
@@ -89,17 +89,18 @@ class Odometry:
         planar = isinstance(scan_or_cloud, Scan)
         shape = (3,) if planar else (4, 4)
         motion = None if guess is None else as_guess(guess, shape, np.zeros(shape))
-        if not np.isfinite(stamp):
-            raise InputError(f"stamp: finite seconds expected, got {stamp}")
+        stamp = as_number("stamp", stamp)
         if isinstance(scan_or_cloud, Scan) and self.config.scan_method == "local_map":
             within = None if sweep is None else as_guess(sweep, shape, np.zeros(shape))
             self._go_on_with(planar)
             scan = self._own.without(scan_or_cloud, self.pose)
-            step = self._scans.step(scan, float(stamp), motion, within)
+            step = self._scans.step(scan, stamp, motion, within)
         else:
             step = self._by_kiss(scan_or_cloud, motion, times)
         self._take(step)
         self.pose, self._lasting = accumulate(self.pose, self._lasting, step)
+        for array in (self.pose, self._lasting):
+            array.flags.writeable = False  # the next pose follows from it
         self.covariance = self._lasting if step.noise is None else self._lasting + step.noise
         return self.pose.copy()
 
@@ -144,14 +145,14 @@ def _as_cloud(measurement: Scan | ArrayLike, times: ArrayLike | None) -> tuple[F
         if measurement.time_increment > 0.0 and len(measurement) > 1:
             phase = (np.arange(len(measurement)) / (len(measurement) - 1))[measurement.valid]
         return np.column_stack((flat, np.zeros(len(flat)))), phase
-    cloud = np.asarray(measurement, dtype=np.float64)
+    cloud = as_floats("scan_or_cloud", measurement)
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise InputError(f"scan_or_cloud: Scan or array (N, 3) expected, got shape {cloud.shape}")
     # The sum of a row is finite where all of it is, and takes a tenth of the time to test.
     finite = np.isfinite(cloud @ np.ones(3))
     if times is None:
         return cloud[finite], None
-    seconds = np.asarray(times, dtype=np.float64)
+    seconds = as_floats("times", times)
     if seconds.shape != (len(cloud),):
         raise InputError(f"times: one per point, ({len(cloud)},) expected, got shape {seconds.shape}")
     finite &= np.isfinite(seconds)

@@ -13,9 +13,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_floats, as_own
 from estimation.errors import InputError
 from estimation.geometry.poses import inverse, wrap_angle
+from estimation.geometry.rotations import require_rigid
 from registration.clouds.cloud_registration import align_clouds, align_clouds_ndt
 from registration.laser.prepared import PreparedScan, prepare
 from registration.laser.scan import Scan
@@ -76,7 +77,10 @@ def align(
 
 def both_clouds(source: Scan | ArrayLike, target: Scan | ArrayLike) -> bool:
     """Whether two measurements are spatial, (N, 3). InputError where only one is."""
-    spatial, other = (not isinstance(one, Scan) and np.shape(one)[1:] == (3,) for one in (source, target))
+    spatial, other = (
+        not isinstance(one, Scan) and as_floats(name, one).shape[1:] == (3,)
+        for name, one in (("source", source), ("target", target))
+    )
     if spatial != other:
         raise InputError("target: source and target must both be planar or both be clouds (N, 3)")
     return spatial
@@ -85,11 +89,8 @@ def both_clouds(source: Scan | ArrayLike, target: Scan | ArrayLike) -> bool:
 def as_guess(guess: ArrayLike | None, shape: tuple[int, ...], default: FloatArray) -> FloatArray:
     if guess is None:
         return default
-    start = np.array(guess, dtype=np.float64)
-    if start.shape != shape or not np.isfinite(start).all():
-        got = f"shape {start.shape}" if start.shape != shape else f"{start.tolist()}"
-        raise InputError(f"guess: finite array of shape {shape} expected, got {got}")
-    return start
+    start = as_own("guess", guess, shape)
+    return start if shape == (3,) else require_rigid("guess", start)
 
 
 def among_movers(moving: PreparedScan, still: PreparedScan, start: FloatArray) -> Registration:

@@ -109,3 +109,37 @@ def test_bad_input_is_named() -> None:
         OccupancyGrid(0.1).integrate(np.zeros(3), np.full((3, 2), np.nan))
     with pytest.raises(InputError, match="values"):
         OccupancyGrid.from_values(np.full((2, 2), 200), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        (lambda g: g.integrate(np.zeros(3), [[1.0, 0.0]], np.nan), "weight"),
+        (lambda g: g.integrate(np.zeros(3), [[1.0, 0.0]], -1.0), "weight"),
+        (lambda g: g.integrate(np.zeros((2, 3)), [[1.0, 0.0]]), "pose"),
+        (lambda g: g.ray_cast((0.0, 0.0), [0.0, np.nan], 5.0), "headings"),
+        (lambda g: g.ray_cast((0.0, 0.0), [[0.0]], 5.0), "headings"),
+        (lambda g: g.lookup([np.nan, 0.0]), "points"),
+        (lambda g: g.cells([0.0, 0.0, 0.0]), "points"),
+        (lambda g: g.visible(np.zeros(3), 5.0, opening=np.nan), "opening"),
+        (lambda g: g.visible(np.zeros(3), 5.0, margin=np.nan), "margin"),
+        (lambda g: OccupancyGrid.from_values([[np.nan]], 0.1), "values"),
+        (lambda g: OccupancyGrid.from_values([[50.5]], 0.1), "values"),
+        (lambda g: OccupancyGrid.from_values(np.ones((2, 2), bool), 0.1), "values"),
+        (lambda g: OccupancyGrid(0.1, log_odds="walls"), "log_odds"),
+    ],
+)
+def test_bad_arguments_are_named_and_change_nothing(call, named) -> None:
+    grid = OccupancyGrid(0.1)
+    grid.integrate(np.zeros(3), [[2.0, 0.0]])
+    before = grid.log_odds.copy()
+    with pytest.raises(InputError, match=named):
+        call(grid)
+    np.testing.assert_array_equal(grid.log_odds, before)
+
+
+def test_a_grid_keeps_its_own_origin() -> None:
+    origin = np.zeros(2)
+    grid = OccupancyGrid(0.1, origin, np.zeros((3, 3)))
+    origin[:] = 9.0
+    np.testing.assert_array_equal(grid.origin, np.zeros(2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,3 +130,29 @@ def test_a_missing_file_and_unknown_places_are_named(tmp_path: Path) -> None:
         Places.load(tmp_path / "nowhere.yaml")
     with pytest.raises(InputError, match="attic"):
         home()["attic"]
+
+
+def test_corners_may_go_round_either_way_and_be_a_list() -> None:
+    square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    one, other = Place("a", square), Place("a", square[::-1])  # type: ignore[arg-type]
+    assert one.area == other.area == pytest.approx(1.0)
+    chances = [place.probability([0.4, 0.7], 0.1 * np.eye(2)) for place in (one, other)]
+    assert chances[0] == pytest.approx(chances[1])
+    assert 0.0 < chances[0] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        (lambda p: p.probability([0.5, 0.5], -np.eye(2)), "covariance"),
+        (lambda p: p.probability([0.5, 0.5], [[1.0, 0.5], [0.0, 1.0]]), "covariance"),
+        (lambda p: p.contains(0.5), "points"),
+        (lambda p: p.share([[0.0, 1.0]]), "box"),
+        (lambda p: Places({"a": p}).room_of([[0.5, 0.5]]), "position"),
+        (lambda p: Place("b", p.polygon, "shed"), "kind"),
+        (lambda p: Place("b", p.polygon[:2]), "corners"),
+    ],
+)
+def test_what_is_no_position_or_place_is_named(call: Any, named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        call(Place("a", np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])))

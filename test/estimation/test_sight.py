@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimation.errors import InputError
 from estimation.geometry.sight import AGREES, HIDDEN, RANGE_SIGMA, SIGMAS, THROUGH, UNSEEN, beam_at, sight
 
 STEP = np.deg2rad(1.0)
@@ -79,3 +80,27 @@ def test_the_beam_that_looks_at_a_spot_is_the_one_with_the_nearest_bearing(step:
         found = int(beam_at(np.cos(angle), np.sin(angle), first, step))
         apart = np.abs(np.angle(np.exp(1j * (bearings - angle))))
         assert apart[found] == pytest.approx(apart.min(), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        ({"points": [[1.0, np.nan]]}, "points"),
+        ({"pose": [0.0, 0.0]}, "pose"),
+        ({"doubt": np.nan}, "doubt"),
+        ({"ranges": np.ones((2, 5))}, "ranges"),
+        ({"step": 0.0}, "step"),
+    ],
+)
+def test_bad_arguments_are_named(changed, named) -> None:
+    given = {
+        "points": [[1, 0]],
+        "pose": [0, 0, 0],
+        "doubt": 0,
+        "ranges": [2, 2, 2],
+        "angle_min": 0,
+        "step": 1,
+    }
+    assert sight(**given).tolist() == [THROUGH]
+    with pytest.raises(InputError, match=named):
+        sight(**{**given, **changed})

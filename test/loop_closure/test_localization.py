@@ -311,6 +311,12 @@ def test_what_does_not_fit_the_map_is_refused(saved: Slam) -> None:
     flat.add_scan(scan, np.zeros(3), 25.0)
     with pytest.raises(InputError, match="pose"):
         Localizer(flat, np.zeros((1, 3))).place(np.eye(4))
+    for given, named in (((flat, np.zeros((2, 3))), "poses"), ((None, np.zeros((1, 3))), "places")):
+        with pytest.raises(InputError, match=named):
+            Localizer(*given)  # type: ignore[arg-type]
+    for doubt in ({"sigma": np.nan}, {"turn": 0.0}):
+        with pytest.raises(InputError, match=r"sigma|turn"):
+            Localizer(flat, np.zeros((1, 3))).place(np.zeros(3), **doubt)
 
 
 def mapped(world: Shapes, lidar: Lidar, drive: Drive) -> tuple[Keyframes, np.ndarray]:

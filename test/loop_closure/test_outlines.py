@@ -147,6 +147,18 @@ def test_local_maps_of_opposite_directions_are_laid_as_they_are() -> None:
     assert shared > 0.5
 
 
+def test_a_pose_that_is_added_up_in_place_moves_no_scan_that_was_kept() -> None:
+    one, other, pose = LocalMap(), LocalMap(), np.zeros(3)
+    for k in range(6):
+        scan = scan_at((0.5 * k, 0.0, 0.0), passage(), AHEAD, k)
+        pose[0] = 0.5 * k
+        one.add(scan, pose)
+        other.add(scan, pose.copy())
+    np.testing.assert_array_equal(one.outline().points, other.outline().points)
+    with pytest.raises(InputError, match="scan"):
+        one.add(np.ones(3), pose)  # type: ignore[arg-type]
+
+
 def test_a_local_map_forgets_what_is_far_behind_and_starts_anew() -> None:
     around = LocalMap(length=2.0)
     with pytest.raises(InputError, match="no scan"):

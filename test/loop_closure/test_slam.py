@@ -100,6 +100,19 @@ def test_a_second_round_is_closed_and_the_drift_gone(same_way: tuple[Slam, np.nd
         assert np.linalg.eigvalsh(closure.covariance).min() > 0.0
 
 
+def test_closures_that_were_told_are_no_handle_on_the_graph(
+    same_way: tuple[Slam, np.ndarray, np.ndarray],
+) -> None:
+    slam = same_way[0]
+    told = slam.closures
+    told.clear()
+    assert slam.closures
+    for closure in slam.closures:
+        for edge in slam.graph.edges:
+            assert not np.shares_memory(closure.relative, edge.motion)
+            assert not np.shares_memory(closure.covariance, edge.covariance)
+
+
 def test_the_classifier_alone_proposes_what_the_path_does_not_allow() -> None:
     scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
     # A guessed step of odometry that is sure of itself puts the second round where the first never was.
@@ -223,6 +236,45 @@ def test_a_map_that_cannot_be_read_says_so(tmp_path) -> None:
 def test_bad_input_is_named(scan, odometry) -> None:
     with pytest.raises(InputError, match="odometry"):
         Slam().process(scan, odometry)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "stamp", "named"),
+    [
+        (np.full((3, 3), np.nan), None, "covariance"),
+        (np.eye(2), None, "covariance"),
+        (-np.eye(3), None, "covariance"),
+        (None, np.nan, "stamp"),
+        (None, "now", "stamp"),
+    ],
+)
+def test_what_odometry_says_of_itself_is_checked(covariance, stamp, named) -> None:
+    slam = Slam()
+    with pytest.raises(InputError, match=named):
+        slam.process(Scan(np.ones(10), -1.0, 0.2), np.zeros(3), covariance, stamp)
+    assert slam.trajectory().shape == (0, 4)
+
+
+def test_a_cloud_that_is_none_is_refused_between_keyframes_too() -> None:
+    slam, cloud = Slam(), np.random.default_rng(0).uniform(-5.0, 5.0, (300, 3))
+    slam.process(cloud, np.eye(4))
+    with pytest.raises(InputError, match="scan"):
+        slam.process(np.zeros((5, 2)), np.eye(4))
+    with pytest.raises(InputError, match="odometry"):
+        slam.process(cloud, np.diag([1.0, 1.0, -1.0, 1.0]))
+    assert len(slam.trajectory()) == 1
+
+
+def test_buffers_that_are_filled_anew_change_nothing_that_was_kept() -> None:
+    scans, odometry, _ = recorded(drive_of(CORNERS[:2]), 0, 0.0)
+    pose, ranges, covariance = np.zeros(3), np.zeros(len(scans[0])), np.zeros((3, 3))
+    slam, other = Slam(), Slam()
+    for scan, here in zip(scans, odometry, strict=True):
+        slam.process(scan, here, 1e-4 * np.eye(3))
+        pose[:], ranges[:], covariance[:] = here, scan.ranges, 1e-4 * np.eye(3)
+        other.process(replace(scan, ranges=ranges), pose, covariance)
+        pose[:], ranges[:], covariance[:] = 1e3, 1.0, np.nan
+    np.testing.assert_array_equal(other.trajectory(), slam.trajectory())
 
 
 def test_settings_have_limits() -> None:

@@ -53,11 +53,27 @@ def test_reset_starts_over_and_allows_the_other_kind() -> None:
         (room_scan(0.0), np.nan, None, "stamp"),
         (room_scan(0.0), 0.0, [0.0, 0.0], "guess"),
         (room_scan(0.0), 0.0, [0.0, np.nan, 0.0], "guess"),
+        (room_scan(0.0), "now", None, "stamp"),
+        (None, 0.0, None, "scan_or_cloud"),
+        (np.zeros((60, 3)), 0.0, 2.0 * np.eye(4), "guess"),
     ],
 )
 def test_wrong_input_names_the_argument(measurement, stamp, guess, named) -> None:
     with pytest.raises(InputError, match=named):
         Odometry().register(measurement, stamp, guess)
+
+
+def test_a_pose_that_was_told_is_no_handle_on_the_next() -> None:
+    odometry = Odometry()
+    odometry.register(room_scan(0.0), 0.0)[:] = 5.0
+    assert np.abs(odometry.register(room_scan(0.0), 0.1)).max() < 0.1
+    with pytest.raises(ValueError, match="read-only"):
+        odometry.pose[:] = 5.0
+
+
+def test_a_masked_reading_is_none() -> None:
+    scan = Scan(np.ma.masked_equal([1.0, 9.0, 2.0], 9.0), 0.0, 0.1)
+    assert scan.valid.tolist() == [True, False, True]
 
 
 def test_config_names_the_field_and_its_range() -> None:

@@ -11,6 +11,7 @@ from visualization_msgs.msg import MarkerArray
 
 from estimation.geometry.poses import between, compound
 from estimation.metrics.statistics import ospa
+from whereabouts.nodes.messages.conversions import PLANAR, stated_covariance
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.simulation import Drive, Lidar, joined
 from whereabouts.simulation.movers import outlines
@@ -169,3 +170,10 @@ def still_there(graph: Graph, time: float) -> None:
     stamp = START + round(time * NANOSECONDS)
     transform = transform_message("odom", "base_link", stamp, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
     graph.publish("tf", TFMessage(transforms=[transform]), TF_QOS)
+
+
+def test_a_covariance_that_is_none_is_one_that_nobody_knows() -> None:
+    known = np.diag([0.04, 0.04, -1.0, -1.0, -1.0, 0.01])
+    np.testing.assert_array_equal(stated_covariance(known.ravel(), PLANAR), np.diag([0.04, 0.04, 0.01]))
+    unknown = [np.zeros(36), -np.eye(6), np.full(36, np.nan), np.triu(np.ones((6, 6))), known]
+    assert [stated_covariance(values) for values in unknown] == [None] * 5

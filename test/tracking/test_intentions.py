@@ -245,6 +245,7 @@ def test_jumps_duplicates_gaps_and_loops_are_survived_and_counted(method: str) -
         (lambda m: m.predict(np.zeros(3), 1.0), "partial"),
         (lambda m: m.predict(walk("up"), 0.0), "horizon"),
         (lambda m: m.predict(walk("up"), float("nan")), "horizon"),
+        (lambda m: m.predict(walk("up"), 5e6), "horizon"),
         (lambda m: m.predict(walk("up"), 1.0, others=np.zeros((2, 3))), "others"),
         (lambda m: m.predict(walk("up"), 1.0, others=[np.zeros((2, 2))]), r"others\[0\]"),
         (lambda m: m.predict(walk("up"), 1.0, obstacles=np.zeros((2, 3))), "obstacles"),

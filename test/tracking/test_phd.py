@@ -380,6 +380,16 @@ def test_stamps_and_poses_are_checked() -> None:
         ExtendedTargetPhd().step([], 0.0, sensor_pose=[0.0, 1.0])
 
 
+def test_what_is_kept_is_not_the_caller_s() -> None:
+    mean = np.zeros(4)
+    config = PhdConfig(births=[(0.1, mean, np.eye(4))])
+    mean[:] = 9.0
+    np.testing.assert_array_equal(config.births[0][1], np.zeros(4))
+    for bad in (None, "0", True):
+        with pytest.raises(InputError, match="stamp"):
+            ExtendedTargetPhd().step([], bad)
+
+
 def test_empty_mixtures_join() -> None:
     assert len(Components.join([Components.empty(), Components.empty()])) == 0
     filter_ = ExtendedTargetPhd(PhdConfig(births=[], spawn=None))

@@ -95,6 +95,12 @@ def test_a_learned_goal_is_walked_to_and_people_are_given_way():
     assert turned.path[7, 1] > told.path[7, 1] + 0.02
 
 
+def test_the_time_of_day_changes_no_path():
+    seen = walk((10.0, 2.0), rate=5.0)[:20]
+    told, today = (PrintedModel().predict(seen + np.array([0.0, 0.0, begun]), 3.0) for begun in (0.0, 1.7e9))
+    np.testing.assert_allclose(today.path[:, :2], told.path[:, :2], atol=1e-4)
+
+
 def test_everybody_present_is_predicted_with_the_others_in_the_way(tmp_path):
     model = IntentionModel.of(IntentionConfig(method="printed"))
     for k in range(6):

@@ -71,6 +71,17 @@ def test_rays_lead_back_to_their_pixels(d: tuple[float, ...], model: str) -> Non
     assert camera.project(3.0 * camera.rays(pixels)) == pytest.approx(pixels, abs=1e-3)
 
 
+def test_pixels_and_points_of_another_shape_are_refused() -> None:
+    for call, named in (
+        (lambda: lens().rays(np.zeros((4, 3))), "pixels"),
+        (lambda: lens().project(np.zeros((3, 2))), "points"),
+        (lambda: CameraModel.checked((640, np.nan), np.eye(3)), "size"),
+        (lambda: CameraModel.checked((640, 480), "lens"), "k"),
+    ):
+        with pytest.raises(InputError, match=named):
+            call()
+
+
 def test_what_is_far_beside_the_view_is_not_folded_back_into_it() -> None:
     camera = lens((-0.3, 0.0, 0.0, 0.0, 0.0))
     beside = np.array([[np.tan(angle), 0.0, 1.0] for angle in (1.0, 1.2, 1.4)] + [[0.0, 0.0, -1.0]])

@@ -342,6 +342,11 @@ def test_walls_are_driven_around_and_what_is_walled_in_is_left_alone() -> None:
     assert "reached" in maintenance.idle_reason
 
 
+def asked_for(**changes: object) -> object:
+    given = {"robot_pose": np.zeros(3), "sensors": [CAMERA], **changes}
+    return Maintenance().next_task(world(thing("a-1", 1, 1)), **given)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("call", "named"),
     [
@@ -355,11 +360,43 @@ def test_walls_are_driven_around_and_what_is_walled_in_is_left_alone() -> None:
         (lambda: Sensor("bad", 2.0, 1.0, np.eye(3)), "range_min"),
         (lambda: Sensor("bad", 0.0, 1.0, np.eye(4)), "covariance"),
         (lambda: Sensor("bad", 0.0, 1.0, -np.eye(3)), "covariance"),
+        (lambda: Sensor("bad", 0.0, "1", np.eye(3)), "range_max"),
+        (lambda: Sensor(3, 0.0, 1.0, np.eye(3)), "name"),
+        (lambda: asked_for(triggers="a-1"), "triggers"),
+        (lambda: asked_for(triggers=[3]), "triggers"),
+        (lambda: asked_for(field_of_view="wide"), "field_of_view"),
+        (lambda: asked_for(field_of_view={"angle": 1.0, "range": np.nan}), "field_of_view"),
+        (lambda: asked_for(robot_pose=np.full(3, 1e300)), "robot_pose"),
+        (lambda: asked_for(sensors=["camera"]), "sensors"),
     ],
 )
 def test_bad_input_is_named(call: object, named: str) -> None:
     with pytest.raises(InputError, match=named):
         call()  # type: ignore[operator]
+
+
+def test_a_stamp_that_is_none_leaves_the_task_pending() -> None:
+    maintenance = Maintenance(EAGER)
+    task = maintenance.next_task(world(thing("a-1", 1, 1)), np.zeros(3), [CAMERA])
+    assert task is not None
+    for stamp in (np.nan, "now"):
+        with pytest.raises(InputError, match="stamp"):
+            maintenance.report(task, "not_found", stamp)  # type: ignore[arg-type]
+    assert maintenance.next_task(world(thing("a-1", 1, 1)), np.zeros(3), [CAMERA]) is not None
+
+
+def test_nobody_drives_to_the_end_of_the_world() -> None:
+    state = world(thing("cup-1", 1e300, 0.0), thing("cup-2", 1.0, 1.0))
+    task = Maintenance(EAGER).next_task(state, np.zeros(3), [CAMERA])
+    assert task is not None
+    assert task.object_id == "cup-2"
+
+
+def test_a_sensor_keeps_its_own_covariance() -> None:
+    given = 0.01 * np.eye(3)
+    sensor = Sensor("camera", 0.4, 2.0, given)
+    given[:] = 0.0
+    np.testing.assert_array_equal(sensor.covariance, 0.01 * np.eye(3))
 
 
 def test_one_bad_object_does_not_hide_the_others() -> None:

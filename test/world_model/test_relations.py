@@ -198,6 +198,18 @@ def test_wrong_numbers_are_refused() -> None:
         Relations(fading=0.0)
     with pytest.raises(InputError, match="count"):
         Relations().observe(["a"], count=-2.0)
+    with pytest.raises(InputError, match="minimum"):
+        Relations(minimum=np.nan)
+
+
+@pytest.mark.parametrize("frame", ["cup", ["cup", 3], None])
+def test_a_frame_is_several_words(frame: object) -> None:
+    relations = Relations.from_frames(FRAMES)
+    with pytest.raises(InputError, match="name"):
+        relations.observe(frame)  # type: ignore[arg-type]
+    assert relations.names == Relations.from_frames(FRAMES).names
+    with pytest.raises(InputError, match="room"):
+        relations.observe(["cup"], room=3)  # type: ignore[arg-type]
 
 
 def test_labelme_annotations_are_counted_by_image(tmp_path: Path) -> None:

@@ -252,6 +252,8 @@ def test_bad_input_is_refused_and_changes_nothing() -> None:
         ("table", "mug", 200.0),
         ("table", [3], 200.0),
         ("table", ["mug"], 99.0),
+        ("table", ["mug"], 1.7e12),
+        ("table", ["mug"], "200"),
     ):
         with pytest.raises(InputError):
             routines.look(place, objects, stamp)  # type: ignore[arg-type]
@@ -260,6 +262,9 @@ def test_bad_input_is_refused_and_changes_nothing() -> None:
     with pytest.raises(InputError):
         routines.moves(100.0, -1.0)
     assert routines.to_dict() == before
+    for name in ("window", "differs", "threshold"):
+        with pytest.raises(InputError, match=name):
+            RoutinesConfig(**{name: math.nan})
     with pytest.raises(InputError):
         Routines.from_dict({"format": "else"})
     with pytest.raises(InputError):

@@ -288,3 +288,30 @@ def test_bad_input_is_named() -> None:
         search.next_goal({}, "  ", HERE)
     with pytest.raises(InputError, match="method"):
         SearchConfig(method="luck")
+    with pytest.raises(InputError, match="robot_pose"):
+        search.next_goal({}, "t", np.zeros((2, 3)))
+    with pytest.raises(InputError, match="observed"):
+        search.next_goal({3: [0.0, 0.0]}, "t", HERE)  # type: ignore[dict-item]
+
+
+def test_what_is_refused_does_not_begin_another_search() -> None:
+    search = ObjectSearch(example())
+    seen = {"a": np.array([1.0, 0.0])}
+    step = search.next_goal(seen, "t", HERE)
+    assert step.object == "a"
+    search.reached()
+    assert search.tried("a", [1.0, 0.0])
+    with pytest.raises(InputError, match="position of 'a'"):
+        search.next_goal({"a": "there"}, "b", HERE)  # type: ignore[dict-item]
+    assert search.tried("a", [1.0, 0.0])
+
+
+def test_what_was_told_and_given_is_no_handle_on_the_search() -> None:
+    search = ObjectSearch(example())
+    seen = {"a": np.array([1.0, 0.0])}
+    step = search.next_goal(seen, "t", HERE)
+    assert step.goal is not None
+    step.goal[:] = 9.0
+    seen["a"][:] = 7.0
+    search.reached()
+    assert search.tried("a", [1.0, 0.0])

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimation.errors import InputError
 from evaluation.store_damage import run
 from world_model import WorldObject, WorldState
 from world_model.memory import store_file
@@ -169,6 +170,19 @@ def test_a_new_run_empties_the_world_and_keeps_the_history(tmp_path: Path) -> No
         assert (memory.objects, memory.epoch) == ((), 2)
         assert [run for run, *_ in store.epochs()] == [0, 1, 2]
         assert store.history("cup-2")[0].epoch == 0
+
+
+def test_what_cannot_be_looked_up_is_said_in_the_store_s_own_words(tmp_path: Path) -> None:
+    store = Store(tmp_path / "world.sqlite")
+    store.record(marching(1))
+    for stamp in (np.nan, "now", None):
+        with pytest.raises(InputError, match="stamp"):
+            store.objects_at(stamp)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="object_id"):
+        store.history(3)  # type: ignore[arg-type]
+    store.close()
+    with pytest.raises(StoreError, match=r"world\.sqlite"):
+        store.objects_at(1.0)
 
 
 def test_renaming_takes_the_history_along(tmp_path: Path) -> None:

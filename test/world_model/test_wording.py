@@ -12,10 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model import WorldObject, WorldState, ask
 from world_model.memory.store import Store
-from world_model.questions import moment
+from world_model.questions import (
+    history,
+    how_many,
+    moment,
+    recall,
+    what_is_at,
+    where_is,
+    where_was,
+    where_will_be,
+)
 from world_model.questions.moments import ahead, extract
 from world_model.questions.wording import slip_of
 
@@ -271,6 +281,24 @@ def test_what_those_sentences_tell(home: Store, question: str, kind: str, words:
     answer = ask(home, question)
     assert answer.kind == kind, answer.sentence
     assert all(word in answer.sentence for word in words), answer.sentence
+
+
+def test_a_coming_moment_is_said_in_words_or_seconds_too(home: Store) -> None:
+    world = recall(home)
+    span = moment("tomorrow at noon", world.now)
+    told = [where_will_be(world, "blue cup", when) for when in (span, "tomorrow at noon", span.start)]
+    assert told[0] == told[1] == told[2]
+
+
+@pytest.mark.parametrize("name", [None, 3.0, ["cup"]])
+def test_names_and_times_that_are_none_are_named(home: Store, name: object) -> None:
+    world = recall(home)
+    for call in (where_is, history, what_is_at, how_many):
+        with pytest.raises(InputError, match="must be a word"):
+            call(world, name)  # type: ignore[operator]
+    for when in (np.nan, np.inf, 1.7e12):
+        with pytest.raises(InputError, match="time"):
+            where_was(world, "blue cup", when)
 
 
 @pytest.mark.parametrize(

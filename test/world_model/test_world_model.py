@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -240,6 +242,11 @@ BAD = {
     "shape": ObjectEvidence((0, 0), np.eye(3)),
     "nan": ObjectEvidence((0, np.nan, 0), np.eye(3)),
     "type": ObjectEvidence("here", np.eye(3)),
+    "covariance that is none": ObjectEvidence((0, 0, 0), np.full((3, 3), np.nan)),
+    "no attributes": ObjectEvidence((0, 0, 0), np.eye(3), None),  # type: ignore[arg-type]
+    "no quantities": ObjectEvidence((0, 0, 0), np.eye(3), quantities=None),  # type: ignore[arg-type]
+    "id": ObjectEvidence((0, 0, 0), np.eye(3), object_id=7),  # type: ignore[arg-type]
+    "begins": ObjectEvidence((0, 0, 0), np.eye(3), begins="no"),  # type: ignore[arg-type]
 }
 
 
@@ -297,6 +304,9 @@ def test_bad_sensor_is_refused(sensor: dict[str, Any]) -> None:
         ("motion", {"*": {"acceleration": 1.0}}),
         ("motion", {"spoon": {"model": "static"}}),
         ("classes", "cup"),
+        ("classes", None),
+        ("quantities", None),
+        ("learn_sensor_bias", "false"),
         ("classes", ("cup", "cup")),
         ("rate_hz", "fast"),
     ],
@@ -310,6 +320,59 @@ def test_stamps_must_be_numbers() -> None:
     model = WorldModel(config())
     with pytest.raises(InputError, match="stamp"):
         model.update(evidence(), float("nan"))
+
+
+@pytest.mark.parametrize("stamp", [np.nan, np.inf, "now", None, True])
+def test_a_stamp_that_is_none_changes_nothing(stamp: Any) -> None:
+    model, state = watched()
+    for call in (
+        lambda: model.update(evidence(), stamp),
+        lambda: model.propagate(stamp),
+        lambda: model.report("cup-1", "not_found", stamp),
+        lambda: model.seen_through((0, 0, 0), [(1, 1, 1)], stamp),
+        lambda: model.restore((), stamp),
+    ):
+        with pytest.raises(InputError, match="stamp"):
+            call()
+    assert model.stamp == state.stamp
+    assert [item.id for item in model.hypotheses()[0].objects] == ["cup-1"]
+
+
+def test_a_store_of_a_run_that_has_seen_nothing_is_opened_again(tmp_path: Path) -> None:
+    model = WorldModel(config(), store=tmp_path / "world.sqlite")
+    model.update(evidence((0.0, 0.0, 1.0)), 1.0)
+    model.reset()
+    model.close()
+    again = WorldModel(config(), store=tmp_path / "world.sqlite")
+    assert again.update(evidence((0.0, 0.0, 1.0)), 2.0).stamp == 2.0
+    again.close()
+
+
+def test_names_must_be_words() -> None:
+    model, _ = watched()
+    for call in (
+        lambda: model.report(3, "found", 1.0),  # type: ignore[arg-type]
+        lambda: model.relabel("cup-1", new_object_id=3),  # type: ignore[arg-type]
+        lambda: model.relabel("cup-1", class_name=["bowl"]),  # type: ignore[arg-type]
+        lambda: model.query(class_name=3),
+        lambda: model.query(predicate=3),
+    ):
+        with pytest.raises(InputError, match="must be"):
+            call()
+
+
+def test_what_was_told_is_no_handle_on_the_model() -> None:
+    _, state = watched()
+    with pytest.raises(ValueError, match="read-only"):
+        state.objects[0].position[:] = 9.0
+
+
+def test_copies_go_on_by_themselves() -> None:
+    model, _ = watched()
+    for other in (copy.deepcopy(model), pickle.loads(pickle.dumps(model))):
+        assert other._by_now.where.__self__ is other
+        other.update(evidence((0.0, 0.0, 1.0), (1.0, 1.0, 1.0)), 2.0)
+        assert model.stamp < 2.0
 
 
 def test_unknown_names_are_taken_as_they_come_where_none_are_listed() -> None:

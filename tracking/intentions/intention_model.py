@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimation.checks import FloatArray, as_floats, require_positive
+from estimation.checks import FloatArray, as_floats, require_positive, require_within
 from estimation.errors import InputError
 from tracking.intentions.ghmm import GrowingHmm
 from tracking.intentions.intention_config import IntentionConfig
@@ -38,6 +38,7 @@ WAY_SPACING = 1.0
 JUDGED = (0.2, 0.4, 0.6, 0.8)
 # Between two observations of one walk, m: what lies further apart is a tracker's or a frame's mistake.
 WIDEST_GAP = 100.0
+LONGEST = 3600.0  # s that are predicted at most; more is milliseconds taken for seconds
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ class IntentionModel:
         others : people present at the same time, who are predicted too and get out of each other's way: a sequence of
             (M, 3) partial trajectories, or an array (P, 4) x, y, vx, vy or (P, 2) of people who stand.
         obstacles : (K, 2) m, or `Obstacles` made from them once.
-        Raises InputError: shapes other than these, no finite row, or a horizon that is not above zero.
+        Raises InputError: shapes other than these, no finite row, or a horizon that is not above zero or over an hour.
         """
         beside, states = parse_others(others)
         return self._predict([partial, *beside], states, horizon, obstacles, 1)[0]
@@ -249,8 +250,8 @@ class IntentionModel:
 
     @staticmethod
     def _tracks(partials: list[ArrayLike], horizon: float) -> list[FloatArray]:
-        """Cleaned rows (N, 3) of the one predicted and the others; InputError also for a horizon not above zero."""
-        require_positive("horizon", horizon)
+        """Cleaned rows (N, 3) of the one predicted and the others; InputError also for a horizon that is none."""
+        require_within("horizon", require_positive("horizon", horizon), 0.0, LONGEST)
         names = ["partial", *(f"others[{k}]" for k in range(len(partials) - 1))]
         return [clean(name, partial).rows for name, partial in zip(names, partials, strict=False)]
 

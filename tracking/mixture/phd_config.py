@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.checks import FloatArray, as_finite
+from estimation.checks import FloatArray, as_finite, as_number, as_own
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 
@@ -141,7 +141,7 @@ class PhdConfig:
         self._number("memory", 1.0, np.inf)
         for name in ("max_components", "max_hypotheses", "late_scans", "max_measurements", "max_partitions"):
             value = getattr(self, name)
-            if not isinstance(value, (int, np.integer)) or value < 1:
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
                 raise InputError(f"{name} must be a whole number of at least 1, not {value!r}")
         low, high = self._array("distance_probabilities", (2,))
         if not 0.0 <= low <= high < 1.0:
@@ -181,10 +181,8 @@ class PhdConfig:
             return
         if not isinstance(self.spawn, (list, tuple)) or len(self.spawn) != 2:
             raise InputError(f"spawn must be None or (weight, covariance), not {self.spawn!r}")
-        weight, covariance = self._weighted("spawn", self.spawn[0]), repair_covariance(self.spawn[1], "spawn")
-        if covariance.shape != (4, 4):
-            raise InputError("spawn must hold a covariance of shape (4, 4)")
-        self.spawn = weight, covariance
+        weight, covariance = self._weighted("spawn", self.spawn[0]), as_own("spawn", self.spawn[1], (4, 4))
+        self.spawn = weight, repair_covariance(covariance, "spawn")
 
     @property
     def area(self) -> float:
@@ -201,18 +199,16 @@ class PhdConfig:
     def _number(
         self, name: str, low: float, high: float, open_below: bool = False, open_above: bool = False
     ) -> None:
-        value = getattr(self, name)
-        if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
-            raise InputError(f"{name} must be a number, not {value!r}")
+        value = as_number(name, getattr(self, name))
         below = value <= low if open_below else value < low
         above = value >= high if open_above else value > high
-        if not np.isfinite(value) or below or above:
+        if below or above:
             span = f"{'(' if open_below else '['}{low:g}, {high:g}{')' if open_above else ']'}"
             raise InputError(f"{name} must be a finite number in {span}, not {value!r}")
 
     @staticmethod
     def _weighted(name: str, weight: float) -> float:
-        if not 0.0 <= float(weight) < np.inf:
+        if as_number(f"weight of {name}", weight) < 0.0:
             raise InputError(f"{name} must have a finite weight of at least 0, not {weight!r}")
         return float(weight)
 
@@ -220,7 +216,5 @@ class PhdConfig:
         if not isinstance(birth, (list, tuple)) or len(birth) != 3:
             raise InputError(f"births must hold (weight, mean, covariance), not {birth!r}")
         weight, mean, covariance = birth
-        mean, covariance = as_finite("births", mean), repair_covariance(covariance, "births")
-        if mean.shape != (4,) or covariance.shape != (4, 4):
-            raise InputError("births must hold means of shape (4,) and covariances of shape (4, 4)")
-        return self._weighted("births", weight), mean, covariance
+        mean, covariance = as_own("births", mean, (4,)), as_own("births", covariance, (4, 4))
+        return self._weighted("births", weight), mean, repair_covariance(covariance, "births")

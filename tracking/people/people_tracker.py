@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import expit
 
-from estimation.checks import FloatArray, as_finite, as_shape
+from estimation.checks import FloatArray, as_floats, as_number, as_own, as_shape, require_kind
 from estimation.conversion.uncertain_frame import state_through_uncertain_pose
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
@@ -393,12 +393,10 @@ def _checked(
     scan: Scan, pose: npt.ArrayLike, stamp: float, labels: npt.ArrayLike | None
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """The pose (3,), and which beams (N,) are known to move."""
-    place = as_finite("pose", pose)
-    if place.shape != (3,):
-        raise InputError(f"pose must have shape (3,), not {place.shape}")
-    if not np.isfinite(stamp):
-        raise InputError(f"stamp must be finite, not {stamp!r}")
-    beams = np.zeros(len(scan)) if labels is None else np.asarray(labels)
+    place = as_own("pose", pose, (3,))
+    as_number("stamp", stamp)
+    require_kind("scan", scan, Scan)
+    beams = np.zeros(len(scan)) if labels is None else as_floats("labels", labels)
     if beams.shape != (len(scan),):
         raise InputError(f"labels must have shape ({len(scan)},), one per beam, not {beams.shape}")
     return place, np.asarray(beams > 0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite
+from estimation.checks import FloatArray, as_number, as_own, require_kind
 from estimation.errors import InputError
 from registration.laser.scan import Scan
 from tracking.mixture.phd_config import FILTERS, Birth, PhdConfig
@@ -94,11 +94,8 @@ class PointsTracker:
         pose : (3,) x, y, yaw of the scanner, m and rad; targets are in its frame. stamp : seconds. A scan that is late
         changes nothing. Raises InputError for other shapes and for a pose or stamp that is not finite.
         """
-        place = as_finite("pose", pose)
-        if place.shape != (3,):
-            raise InputError(f"pose must have shape (3,), not {place.shape}")
-        if not np.isfinite(stamp):
-            raise InputError(f"stamp must be finite, not {stamp!r}")
+        place, stamp = as_own("pose", pose, (3,)), as_number("stamp", stamp)
+        require_kind("scan", scan, Scan)
         last = self._stamp
         if last is not None and -self.config.late_window <= stamp - last < 0.0:
             self.health.late += 1

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite, as_floats
+from estimation.checks import FloatArray, as_floats, as_number, as_own
 from estimation.errors import InputError
 from tracking.mixture.detection import BearingDetection, OcclusionDetection
 from tracking.mixture.phd_config import PhdConfig
@@ -102,12 +102,8 @@ class ExtendedTargetPhd:
         InputError for other shapes and stamps that are not finite.
         """
         points = self._points(measurements)
-        pose = None if sensor_pose is None else as_finite("sensor_pose", sensor_pose)
-        if pose is not None and pose.shape != (3,):
-            raise InputError(f"sensor_pose must have shape (3,), not {pose.shape}")
-        stamp = float(stamp)
-        if not np.isfinite(stamp):
-            raise InputError(f"stamp must be finite, not {stamp!r}")
+        pose = None if sensor_pose is None else as_own("sensor_pose", sensor_pose, (3,))
+        stamp = as_number("stamp", stamp)
         if self.stamp is not None and -self.config.late_window <= stamp - self.stamp < 0:
             self._late(stamp, points, pose)
         else:

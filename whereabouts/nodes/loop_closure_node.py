@@ -35,6 +35,7 @@ from whereabouts.nodes.messages.conversions import (
     pose_from_message,
     scan_from_message,
     spatial,
+    stated_covariance,
 )
 from whereabouts.nodes.messages.map_messages import closure_message
 from whereabouts.nodes.messages.stamps import NANOSECONDS
@@ -137,9 +138,7 @@ class LoopClosureNode(SuiteNode):
         return [(settings.base_frame, message.header.frame_id), (settings.odom_frame, settings.base_frame)]
 
     def _take_odometry(self, message: OdometryMessage, stamp: int) -> None:
-        covariance = np.array(message.pose.covariance).reshape(6, 6)
-        if np.isfinite(covariance).all() and covariance.any():
-            self._covariances[stamp] = covariance
+        self._covariances[stamp] = np.array(message.pose.covariance)
         while len(self._covariances) > REMEMBERED:
             self._covariances.popitem(last=False)
         self._source.take(message, stamp)
@@ -159,7 +158,7 @@ class LoopClosureNode(SuiteNode):
         is_scan = isinstance(message, LaserScan)
         view = scan_from_message(message) if is_scan else points_from_message(message)[0]
         mounting = self.transforms.lookup(self.settings.base_frame, message.header.frame_id, stamp)
-        odometry, covariance = self._odometry(stamp), self._covariances.pop(stamp, None)
+        odometry, stated = self._odometry(stamp), self._covariances.pop(stamp, np.zeros(36))
         if isinstance(view, Scan):
             level = level_pose(mounting)
             if level is None:
@@ -168,8 +167,9 @@ class LoopClosureNode(SuiteNode):
                 view = upright(view, mounting)
             self._map.mounting = level
             odometry = compound(pose_from_matrix(odometry)[PLANAR], level)
-            covariance = None if covariance is None else covariance[np.ix_(PLANAR, PLANAR)]
+            covariance = stated_covariance(stated, PLANAR)
         else:
+            covariance = stated_covariance(stated)
             view = view @ mounting[:3, :3].T + mounting[:3, 3]
         self._advance(view, odometry, covariance, stamp)
         self._slowest = max(self._slowest, time.perf_counter() - begun)

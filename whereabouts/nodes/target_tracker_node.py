@@ -25,7 +25,12 @@ from registration.laser.mounting import level_pose, upright
 from tracking.people.people_tracker import Person
 from tracking.people.people_warm_up import warm_up
 from tracking.people.scan_filters import tracker_of
-from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message, scan_from_message
+from whereabouts.nodes.messages.conversions import (
+    PLANAR,
+    pose_from_message,
+    scan_from_message,
+    stated_covariance,
+)
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.target_messages import people_markers, targets_message
 from whereabouts.nodes.messages.transforms import frame_name
@@ -90,9 +95,8 @@ class TargetTrackerNode(SuiteNode):
     def _take_uncertainty(self, message: Odometry | PoseWithCovarianceStamped, stamp: int) -> None:
         if frame_name(message.header.frame_id) != frame_name(self.settings.odom_frame):
             return
-        covariance = np.array(message.pose.covariance).reshape(6, 6)[np.ix_(PLANAR, PLANAR)]
-        # Nothing but zeros says that nothing is known about it.
-        if covariance.any():
+        covariance = stated_covariance(message.pose.covariance, PLANAR)
+        if covariance is not None:
             pose = pose_from_message(message.pose.pose)[PLANAR]
             self._uncertainty[type(message)].add(stamp / NANOSECONDS, pose, covariance)
 

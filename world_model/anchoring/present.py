@@ -45,6 +45,9 @@ class Presentation:
         existence = rest + moving if sought and not lost else 1.0 - none
         seen = float(leaves.last[slot]), float(leaves.first[slot])
         noise, quantities = self.guidance.growth(track, slot), anchors.quantities.described(leaves, slot)
+        # What is shown stays in the model until it changes; who gets to see it must not be able to change it.
+        for array in (position, velocity, covariance, noise):
+            array.flags.writeable = False
         signature = track.id or "", position, velocity, covariance, attributes, existence, lost, *seen
         return WorldObject(*signature, behaviors, region, process_noise=noise, quantities=quantities)
 

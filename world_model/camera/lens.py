@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_floats, as_own
 from estimation.errors import InputError
 
 TERMS = {"": 0, "none": 0, "plumb_bob": 5, "rational_polynomial": 8}
@@ -55,10 +55,10 @@ class CameraModel:
 
         rectified : whether images are straightened; P alone counts then. Raises InputError naming the field.
         """
-        width, height = int(size[0]), int(size[1])
+        width, height = (int(side) for side in as_own("size", size, (2,)))
         if not (0 < width <= LARGEST and 0 < height <= LARGEST):
             raise InputError(f"width and height: 1 to {LARGEST} pixels expected, got {width} x {height}")
-        projection = np.asarray(p, dtype=np.float64)
+        projection = as_floats("p", p)
         if rectified and projection.size == 12 and projection.any():
             matrix, name = projection.reshape(3, 4)[:, :3], "p"
         else:
@@ -96,7 +96,7 @@ class CameraModel:
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Directions (N, 3) of pixels (N, 2) in the frame that tf knows; not of unit length: as far ahead as 1 m."""
-        at = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        at = _rows("pixels", pixels, 2)
         seen = (at - (self.cx, self.cy)) / (self.fx, self.fy)
         straight = seen.copy()
         if self.distortion.any():
@@ -112,7 +112,7 @@ class CameraModel:
 
     def project(self, points: npt.ArrayLike) -> FloatArray:
         """Pixels (N, 2) of points (N, 3) m in the frame that tf knows; NaN behind it and far beside the view."""
-        local = np.asarray(points, dtype=np.float64).reshape(-1, 3) @ self.turn.T
+        local = _rows("points", points, 3) @ self.turn.T
         ahead = local[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             flat = np.where(ahead[:, None] > NEAREST, local[:, :2] / ahead[:, None], np.nan)
@@ -149,15 +149,23 @@ class CameraModel:
         return float(away[back[0]]) if len(back) else np.inf
 
 
+def _rows(name: str, values: npt.ArrayLike, size: int) -> FloatArray:
+    """(N, size) of an array (..., size); empty ones of any shape."""
+    rows = as_floats(name, values)
+    if rows.size and (rows.ndim == 0 or rows.shape[-1] != size):
+        raise InputError(f"{name} must have shape (N, {size}), not {rows.shape}")
+    return rows.reshape(-1, size)
+
+
 def _nine(values: npt.ArrayLike, name: str) -> FloatArray:
-    matrix = np.asarray(values, dtype=np.float64)
+    matrix = as_floats(name, values)
     if matrix.size != 9 or not np.isfinite(matrix).all():
         raise InputError(f"{name}: nine finite numbers expected, got {matrix.ravel().tolist()}")
     return matrix.reshape(3, 3)
 
 
 def _turn(values: npt.ArrayLike) -> FloatArray:
-    matrix = np.asarray(values, dtype=np.float64)
+    matrix = as_floats("r", values)
     if matrix.size == 0 or not matrix.any():
         return np.eye(3)
     matrix = _nine(matrix, "r")
@@ -168,7 +176,7 @@ def _turn(values: npt.ArrayLike) -> FloatArray:
 
 
 def _distortion(d: Sequence[float], model: str) -> FloatArray:
-    given = np.asarray(d, dtype=np.float64).ravel()
+    given = as_floats("d", d).ravel()
     if model not in TERMS and given.any():
         known = ", ".join(name for name in TERMS if name)
         raise InputError(f"distortion_model: one of {known} expected, got {model!r}; use straightened images")

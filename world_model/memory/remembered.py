@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.checks import require_count, require_positive
+from estimation.checks import as_number, require_count, require_positive
 from estimation.errors import InputError
 from world_model.memory.routine_kernels import GAP, History, ThingMoves, fill, recall
 from world_model.state import DAY
@@ -43,6 +43,8 @@ class RoutinesConfig:
     def __post_init__(self) -> None:
         for name in ("slot", "half_life", "clock", "stay", "prior"):
             require_positive(name, getattr(self, name))
+        for name in ("window", "differs", "threshold"):
+            as_number(name, getattr(self, name))
         require_count("days", self.days)
         if DAY % self.slot:
             raise InputError(f"slot must divide a day of {DAY:g} s, not {self.slot}")

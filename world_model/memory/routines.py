@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from estimation.checks import as_number, require_within
 from estimation.errors import InputError
 from world_model.describing import spoken_time
 from world_model.memory.remembered import Remembered, RoutinesConfig
@@ -36,6 +37,7 @@ Array = np.ndarray
 FORMAT = "whereabouts.routines"
 VERSION = 1
 FEWEST_DAYS = 3  # on which a thing moved, before it usually does anything
+LATEST = 1e10  # s, in the year 2286; milliseconds taken for seconds are beyond
 EMPTY_HALF_LIFE = HOUR  # s, in which a look that did not find a thing says half as much
 
 
@@ -176,7 +178,7 @@ class Routines:
         Only moves with at least the configured probability. What is out of sight, nobody knows where, is not told of.
         """
         stamp = self._checked(stamp)
-        if not math.isfinite(horizon) or horizon < 0.0:
+        if as_number("horizon", horizon) < 0.0:
             raise InputError(f"horizon must be finite and not negative, s, not {horizon}")
         known, ahead = self._known, self._within_reach(round(horizon / self.config.slot))
         if known.last < 0 or ahead < 1:
@@ -234,11 +236,10 @@ class Routines:
         return made
 
     def _checked(self, stamp: float) -> float:
-        if not math.isfinite(stamp):
-            raise InputError(f"stamp must be finite, s, not {stamp}")
+        stamp = require_within("stamp", stamp, -LATEST, LATEST)
         if stamp < self._known.stamp:
             raise InputError(f"stamp {stamp} is before the newest look, {self._known.stamp}")
-        return float(stamp)
+        return stamp
 
     def _within_reach(self, slots: int) -> int:
         """The same time of day within the next 24 h: further ahead a day is like another."""

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from estimation.checks import as_number, require_word
 from estimation.geometry.places import LIKELY, Place, Places
-from world_model.memory.store_file import StoreFile
+from world_model.memory.store_file import StoreError, StoreFile
 from world_model.memory.store_format import StoreClock
 from world_model.memory.store_rows import COLUMNS, EVENT, NAME, RUN, Written, decode, places_of
 from world_model.state import WorldObject
@@ -91,6 +92,7 @@ class Records:
 
         Covariances have grown by the process noise since the last row.
         """
+        stamp = as_number("stamp", stamp)
         begun = "SELECT max(epoch) FROM epochs WHERE first_stamp <= ? AND epoch >= 0"
         run = self._value(begun, stamp) if epoch is None else epoch
         rows = self._execute(
@@ -125,9 +127,8 @@ class Records:
         end: float = float("inf"),
     ) -> list[HistoryEntry]:
         """Events of one object, oldest first, in the newest run that knew it or in `epoch`."""
-        run = (
-            self._value("SELECT max(epoch) FROM objects WHERE id = ?", object_id) if epoch is None else epoch
-        )
+        newest = "SELECT max(epoch) FROM objects WHERE id = ?"
+        run = self._value(newest, require_word("object_id", object_id)) if epoch is None else epoch
         order = "AND h.stamp BETWEEN ? AND ? ORDER BY h.stamp, h.row"
         rows = self._of(object_id, run, f"h.stamp, h.event, {COLUMNS}", order, start, end)
         return [
@@ -257,7 +258,11 @@ class Records:
         return found[0] if found else None
 
     def _execute(self, statement: str, *values: Any) -> sqlite3.Cursor:
-        return self._file.connection.execute(statement, values)
+        try:
+            return self._file.connection.execute(statement, values)
+        # It is closed, or was asked for what no row can hold.
+        except (sqlite3.ProgrammingError, OverflowError) as error:
+            raise StoreError(f"{self._file.path}: {error}") from error
 
 
 def _aged(item: WorldObject, age: float) -> WorldObject:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from estimation.checks import require_word
 from world_model.memory.stays import ObjectStay
 from world_model.questions.answers import AmbiguousError, NothingKnownError, clean, listed
 from world_model.questions.recall import Recall, Trust, remembered, singulars
@@ -44,7 +45,7 @@ class Meant:
 
 def plain(text: str) -> str:
     """Lower-case words without articles, quotes and underscores."""
-    words = re.sub(r"[\s_]+", " ", text.lower()).strip(" ?!.,")
+    words = re.sub(r"[\s_]+", " ", require_word("name", text).lower()).strip(" ?!.,")
     if len(words) > 1 and words[0] == words[-1] and words[0] in "'\"`":
         words = words[1:-1].strip()
     words = _ARTICLES.sub("", words)
@@ -160,7 +161,7 @@ def place_named(world: Recall, words: str, beside: bool = False) -> str:
 
     Raises NothingKnownError or AmbiguousError.
     """
-    around = re.match(rf"(?:{NOT_AT}) ", words.strip().lower())
+    around = re.match(rf"(?:{NOT_AT}) ", require_word("place", words).strip().lower())
     if around and not beside:
         raise NothingKnownError(
             f'I know what is on or in a place, not what is "{clean(around[0].strip())}" it.'
@@ -261,7 +262,7 @@ def where_words(world: Recall, object_id: str) -> str:
 
 
 def _exact(world: Recall, words: str) -> str:
-    if words in world.epochs:
+    if require_word("name", words) in world.epochs:
         return words
     bare = words.strip(" ?!.,")
     if len(bare) > 1 and bare[0] == bare[-1] and bare[0] in "'\"`":

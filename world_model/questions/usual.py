@@ -10,7 +10,7 @@ from world_model.memory.routines import Routines
 from world_model.memory.stays import Timeline, routines_of
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import WEEKS, weeks_of
-from world_model.questions.moments import Span
+from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken, where_words
 from world_model.questions.recall import Recall, Trust, ranked, remembered
 from world_model.questions.where import is_at, objects_at, places_of, where_usually
@@ -70,13 +70,13 @@ def what_is_needed_next(world: Recall, ahead: float = AHEAD) -> Answer:
     return Answer(sentence, "what_is_needed_next", probability, iso(world.now), value, (), options)
 
 
-def where_will_be(world: Recall, what: str, when: Span) -> Answer:
+def where_will_be(world: Recall, what: str, when: str | float | Span) -> Answer:
     """Where an object is expected at a coming moment, by its routines. value : name of the place.
 
     Raises NothingKnownError, AmbiguousError.
     """
     name = one_named(world, what)
-    stamp = when.middle
+    stamp = (when if isinstance(when, Span) else moment(when, world.now)).middle
     if stamp < world.now:
         raise NothingKnownError(
             f"{clock(stamp)} is not in the future: the newest moment is {clock(world.now)}."

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_number, as_own, require_positive, require_word
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 from estimation.geometry.rotations import wrap_scalar
@@ -19,6 +19,7 @@ from world_model.state import WorldObject
 # Variance that stands for an axis nobody estimates: nothing is gained along it.
 FLAT = 1e-12
 BLIND = 1e12
+FARTHEST = 1e6  # m from the origin; nothing that anybody drives to is farther away
 
 
 @dataclass(frozen=True)
@@ -36,16 +37,17 @@ class Sensor:
     cost: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.range_min < self.range_max < math.inf:
+        for name in ("range_min", "range_max", "cost"):
+            as_number(f"sensor {self.name!r}: {name}", getattr(self, name))
+        if not 0.0 <= self.range_min < self.range_max:
             raise InputError(
                 f"sensor {self.name!r}: range_min and range_max must satisfy 0 <= min < max, "
                 f"got {self.range_min!r}, {self.range_max!r}"
             )
-        shape = np.shape(self.covariance)
-        if shape not in ((2, 2), (3, 3)):
-            raise InputError(f"sensor {self.name!r}: covariance must be (2, 2) or (3, 3), not {shape}")
-        repair_covariance(self.covariance, f"covariance of sensor {self.name!r}")
-        if not (math.isfinite(self.cost) and self.cost >= 0.0):
+        named = f"covariance of sensor {require_word('name', self.name)!r}"
+        own = repair_covariance(as_own(named, self.covariance, (2, 2), (3, 3)), named)
+        object.__setattr__(self, "covariance", own)
+        if self.cost < 0.0:
             raise InputError(f"sensor {self.name!r}: cost must be at least 0, got {self.cost!r}")
 
 
@@ -99,10 +101,10 @@ class Looks:
         """
         if view is None or callable(view):
             return 2.0 * math.pi
-        angle = float(view.get("angle", 2.0 * math.pi)) if isinstance(view, Mapping) else float(view)
-        if not 0.0 < angle < math.inf:
-            raise InputError(f"field_of_view: an opening angle above 0 rad expected, got {angle!r}")
-        return angle
+        if isinstance(view, Mapping) and "range" in view and view["range"] != math.inf:
+            require_positive("field_of_view: range", view["range"])
+        angle = view.get("angle", 2.0 * math.pi) if isinstance(view, Mapping) else view
+        return require_positive("field_of_view: angle, rad,", angle)
 
 
 def looks_at(objects: Sequence[WorldObject], sensors: Sequence[Sensor], process_noise: float) -> Looks:
@@ -112,7 +114,7 @@ def looks_at(objects: Sequence[WorldObject], sensors: Sequence[Sensor], process_
     """
     able = [item for item in objects if not getattr(item, "lost", False)]
     positions, P = _stacked(able)
-    usable = np.asarray(np.isfinite(positions).all(axis=1) & np.isfinite(P).all(axis=(1, 2)))
+    usable = np.asarray((np.abs(positions) < FARTHEST).all(axis=1) & np.isfinite(P).all(axis=(1, 2)))
     if not usable.all():
         able = [item for item, good in zip(able, usable, strict=True) if good]
         positions, P = positions[usable], P[usable]

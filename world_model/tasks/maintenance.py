@@ -14,17 +14,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite, as_vectors
+from estimation.checks import FloatArray, as_finite, as_number, as_own, require_kind
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from world_model.state import OUTCOMES, WorldObject, WorldState
-from world_model.tasks.looks import Looks, Sensor, looks_at
+from world_model.tasks.looks import FARTHEST, Looks, Sensor, looks_at
 from world_model.tasks.maintenance_config import MaintenanceConfig
 from world_model.tasks.maintenance_kernels import single_gains
 from world_model.tasks.maintenance_options import TOUR, Option, View, looked_at_now, options, tour
@@ -129,13 +129,18 @@ class Maintenance:
 
         Raises InputError: no sensors, a pose that is not finite, a sensor's covariance that fits no object.
         """
-        pose = as_vectors("robot_pose", robot_pose, 3)
-        if pose.shape != (3,):
-            raise InputError(f"robot_pose must have shape (3,), not {pose.shape}")
+        pose = as_own("robot_pose", robot_pose, (3,))
+        if (np.abs(pose[:2]) > FARTHEST).any():
+            raise InputError(
+                f"robot_pose: at most {FARTHEST:g} m from the origin expected, got {pose.tolist()}"
+            )
+        require_kind("sensors", sensors, Sequence)
         if not sensors:
             raise InputError("sensors: at least one is needed")
-        for wanted in triggers:
-            asked = Trigger(wanted) if isinstance(wanted, str) else wanted
+        for sensor in sensors:
+            require_kind("sensors", sensor, Sensor)
+        Looks.opening(field_of_view)
+        for asked in _triggers(triggers):
             self.trigger(asked.object_id, asked.requester)
         looks = looks_at(world_state.objects, sensors, self.config.process_noise)
         if not looks.objects:
@@ -162,13 +167,14 @@ class Maintenance:
         """
         if outcome not in OUTCOMES:
             raise InputError(f"outcome: one of {', '.join(OUTCOMES)} expected, got {outcome!r}")
+        when = math.nan if stamp is None else as_number("stamp", stamp)
         if self._pending is not None and self._pending.object_id == task.object_id:
             self._pending = None
         if outcome == "found":
             self._in_vain.pop(task.object_id, None)
             self._misses.pop(task.object_id, None)
         else:
-            self._in_vain[task.object_id] = outcome, math.nan if stamp is None else float(stamp)
+            self._in_vain[task.object_id] = outcome, when
             self._misses[task.object_id] = self._misses.get(task.object_id, 0) + 1
 
     def _nothing_known(self, state: WorldState) -> str:
@@ -317,3 +323,13 @@ class Maintenance:
             found.gain, found.utility, reason, distance=found.length, class_name=item.most_probable("class"),
             attributes=item.attributes, quantities=item.quantities,
         )  # fmt: skip
+
+
+def _triggers(given: Sequence[Trigger | str]) -> list[Trigger]:
+    """What is asked for; InputError where it is neither ids nor triggers."""
+    if isinstance(given, str) or not isinstance(given, Iterable):  # one id would be taken letter by letter
+        raise InputError(f"triggers: a list of object ids or triggers expected, got {given!r}")
+    triggers = [Trigger(wanted) if isinstance(wanted, str) else wanted for wanted in given]
+    for wanted in triggers:
+        require_kind("triggers", wanted, Trigger)
+    return triggers

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, as_number, require_word
 from estimation.errors import InputError
 
 IntArray = npt.NDArray[np.int64]
@@ -35,11 +35,12 @@ class Relations:
         minimum: float = 0.0,
         synonyms: Mapping[str, str] | None = None,
     ) -> None:
-        if not (math.isfinite(smoothing) and smoothing >= 0.0):
+        if as_number("smoothing", smoothing) < 0.0:
             raise InputError(f"smoothing: a number of at least 0 expected, got {smoothing!r}")
-        if not 0.0 < fading <= 1.0:
+        if not 0.0 < as_number("fading", fading) <= 1.0:
             raise InputError(f"fading: above 0 up to 1 expected, got {fading!r}")
-        self.smoothing, self.fading, self.minimum = float(smoothing), float(fading), float(minimum)
+        self.smoothing, self.fading = float(smoothing), float(fading)
+        self.minimum = as_number("minimum", minimum)
         self.synonyms = _resolved(synonyms or {})
         self._index: dict[str, int] = {}
         # By type of room, None for all of them: frames, and pairs (n, n) with single names on the diagonal.
@@ -128,17 +129,21 @@ class Relations:
 
     def unified(self, name: str) -> str:
         """The name to use for a name: its synonym, in lower case."""
-        plain = name.strip().lower()
+        plain = require_word("name", name).strip().lower()
         return self.synonyms.get(plain, plain)
 
     def observe(self, names: Iterable[str], room: str | None = None, count: float = 1.0) -> None:
         """Count a frame: every name once, every pair of names once.
 
-        Raises InputError: a count that is negative or not finite.
+        Raises InputError: names that are none, such as one text, and a count that is negative or not finite.
         """
-        if not (math.isfinite(count) and count >= 0.0):
+        if as_number("count", count) < 0.0:
             raise InputError(f"count: a number of at least 0 expected, got {count!r}")
-        seen = sorted({self.unified(name) for name in names if name.strip()})
+        if isinstance(names, str) or not isinstance(names, Iterable):
+            raise InputError(f"names must be several names, not {names!r}")
+        if room is not None:
+            require_word("room", room)
+        seen = sorted({self.unified(name) for name in names} - {""})
         self._scale /= self.fading
         if self._scale > 1e12:
             self._settle()

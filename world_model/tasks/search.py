@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_vectors
+from estimation.checks import FloatArray, as_number, as_own, require_kind, require_word
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.places import Place, Places
@@ -211,7 +211,7 @@ class ObjectSearch:
 
     def tried(self, name: str, spot: npt.ArrayLike) -> bool:
         """Whether the object of this name at a place (2,) or (3,) is a dead end; one elsewhere is another."""
-        place = as_vectors("spot", spot, 2, 3)[:2]
+        place = as_own("spot", spot, (2,), (3,))[:2]
         return any(math.dist(place, spot) <= SAME_OBJECT for spot, _ in self._dead.get(name, ()))
 
     def reached(self, goal: npt.ArrayLike | None = None) -> None:
@@ -222,7 +222,7 @@ class ObjectSearch:
         step = self._step
         if step is None or step.goal is None:
             return
-        where = step.goal if goal is None else as_vectors("goal", goal, 2, 3)[:2]
+        where = step.goal if goal is None else as_own("goal", goal, (2,), (3,))[:2]
         if step.kind == "place":
             self._looked.add(step.object)
         elif step.kind == "room":
@@ -235,7 +235,7 @@ class ObjectSearch:
 
     def expect(self, places: Mapping[str, float]) -> None:
         """Where the target probably is by its routines: {place: probability}; the search begins there."""
-        self._expected = dict(places)
+        self._expected = {require_word("place", name): as_number(name, p) for name, p in places.items()}
 
     def next_goal(
         self, observed: Mapping[str, npt.ArrayLike], target: str, robot_pose: npt.ArrayLike
@@ -247,7 +247,12 @@ class ObjectSearch:
 
         Raises InputError: a pose or a position that is not finite, an empty target.
         """
-        place = as_vectors("robot_pose", robot_pose, 2, 3)[:2].copy()
+        place = as_own("robot_pose", robot_pose, (2,), (3,))[:2]
+        require_kind("observed", observed, Mapping)
+        known = {
+            require_word("name in observed", name): as_own(f"position of {name!r}", spot, (2,), (3,))[:2]
+            for name, spot in observed.items()
+        }
         wanted = self.relations.unified(target)
         if not wanted:
             raise InputError("target: a name to look for is needed")
@@ -256,14 +261,14 @@ class ObjectSearch:
             self.reset()
             self._expected = expected
             self._begin(wanted)
-        known = {name: as_vectors(f"position of {name!r}", spot, 2, 3)[:2] for name, spot in observed.items()}
         self._follow(place)
         if self._coverage is not None and self._coverage.grid is not self.grid:
             # The map has grown, or shows other walls.
             self._coverage = self._floor(known)
         self._room_ahead = ""
         self._step = self._choose(known, place)
-        return self._step
+        # What is kept to tell dead ends by is not the caller's to change.
+        return replace(self._step, goal=None if self._step.goal is None else self._step.goal.copy())
 
     def _aim(self, target: str) -> None:
         self._target = target

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Quaternion
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from estimation.errors import InputError
+from estimation.filters.gaussians import repair_covariance
 from estimation.geometry.poses import pose_from_quaternion, pose_to_quaternion
 from registration import Scan
 from registration.crf.online import Segmented
@@ -100,6 +101,21 @@ def spatial(planar: Array) -> Array:
     pose = np.zeros((*planar.shape[:-1], 6))
     pose[..., PLANAR] = planar
     return pose
+
+
+def stated_covariance(values: ArrayLike, axes: ArrayLike = range(6)) -> Array | None:
+    """Covariance of some of x, y, z and the rotations about them, of a message's 36 numbers.
+
+    None where zeros, -1 or whatever else is no covariance stand for one that nobody knows.
+    """
+    chosen = np.asarray(axes)
+    stated = np.array(values, dtype=np.float64).reshape(6, 6)[np.ix_(chosen, chosen)]
+    if not stated.any():
+        return None
+    try:
+        return repair_covariance(stated, definite=False)
+    except InputError:
+        return None
 
 
 def spatial_covariance(planar: Array) -> Array:
