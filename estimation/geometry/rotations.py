@@ -35,7 +35,7 @@ def wrap_angle(angle: npt.NDArray[np.float64]) -> FloatArray: ...
 
 def wrap_angle(angle: float | npt.NDArray[np.float64]) -> float | FloatArray:
     """Angle (rad, scalar or array) brought into (-π, π]; angles already inside are returned unchanged."""
-    if isinstance(angle, float):
+    if isinstance(angle, int | float):
         return wrap_scalar(angle)
     array = as_finite("angle", angle)
     wrapped = array - _TWO_PI * np.rint(array / _TWO_PI)
