@@ -38,8 +38,7 @@ class WorldModel:
 
     places : rooms and furniture, or None. store : memory, or the path of its file, or None; what it remembers is
     where the model starts from. looks_back : whether thousands of looks are kept for `look_back`. behaviors : how
-    objects of a class go on, {class: behaviour}, see `world_model.predictions`. `words` says where objects are and
-    which symbols hold of them.
+    objects of a class go on, {class: behaviour}, see `world_model.predictions`.
     """
 
     def __init__(

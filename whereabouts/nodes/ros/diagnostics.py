@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from estimation.filters.gaussians import repairs
 from whereabouts.node_interfaces import DIAGNOSTICS
+from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.ros.inputs import Input
 from whereabouts.nodes.ros.outputs import QUIET
 
@@ -114,11 +115,10 @@ class DiagnosticsPublisher:
     def _silent(self, now: float) -> str:
         """Which inputs have stopped, also said in the log as they do; a replay may wait for something."""
         heard = self._node.inputs if self._node.active and not self._node.replayed else ()
-        since = {item.topic: item.stopped(now) for item in heard}
+        since = {item.topic: item.silence(now) for item in heard if item.gaps.stopped(item.silence(now))}
         said = {
-            topic: f"nothing has come on {topic} for {silent:.0f} s"
+            topic: f"nothing has come on {topic} for {silent / NANOSECONDS:.0f} s"
             for topic, silent in since.items()
-            if silent
         }
         for topic in said.keys() - self._stopped:
             self._node.complaints.alarm(said[topic])

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections import Counter, deque
 from dataclasses import dataclass, field
 
+from whereabouts.nodes.messages.stamps import NANOSECONDS
+
 FEWEST = 10  # periods before any is taken for usual
+# ns, and periods, without a message from which on one that came steadily has stopped.
+SILENT, SILENT_PERIODS = 3 * NANOSECONDS, 10
 
 
 @dataclass
@@ -74,11 +78,10 @@ class MessageGaps:
             self._periods.append(period)
         self._last_stamp = stamp
 
-    @property
-    def steady(self) -> int:
-        """Time between stamps, ns, that nearly all keep; 0 where messages come now and then, or few have come."""
-        known = len(self._periods) >= FEWEST and self._period(0.9) < 2 * self._period(0.5)
-        return self._period(0.5) if known else 0
+    def stopped(self, silent: int) -> bool:
+        """Whether messages came steadily, nearly all at one time between stamps, and have not for `silent` ns."""
+        steady = len(self._periods) >= FEWEST and self._period(0.9) < 2 * self._period(0.5)
+        return steady and silent > max(SILENT_PERIODS * self._period(0.5), SILENT)
 
     def _period(self, share: float) -> int:
         """Time between stamps, ns, that a share of them keeps."""

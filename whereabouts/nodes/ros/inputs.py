@@ -35,8 +35,6 @@ WAITING_LIMIT = 64
 LATENCY_WINDOW = 2000
 # A reason for dropping the first messages that is no trouble: tf was still to begin. More of them are told of.
 EARLY, EARLY_ONES = "before the first transform", 5
-# s, and periods, without a message from which on one that came steadily has stopped.
-SILENT, SILENT_PERIODS = 3.0, 10
 # The stamps that a message can carry.
 EARLIEST, LATEST = -(2**31) * NANOSECONDS, (2**31 - 1) * NANOSECONDS
 
@@ -65,8 +63,7 @@ class Input:
         jumps in the publisher's numbers and in stamps are losses. Several nodes publish tf: its numbers say nothing.
     on_demand : whether messages may lie about until something else wakes the node up: for what is only looked at now
         and then. They are not acknowledged one by one, what the queue had no room for is not lost, and their latency
-        counts from when they are taken in.
-        In a replay that gives turns everything lies about until it is the node's turn; see `Turns`.
+        counts from when they are taken in. In a replay by turns everything lies about until the node's; see `Turns`.
     lazy : whether what comes on it gives the node no turn of its own: what is on demand, and transforms.
     companions : inputs that tell more about a message of theirs with the same stamp: in a replay it waits for that.
     awaited : whether others wait for it also on a live robot, as its messages say where theirs were taken.
@@ -203,12 +200,6 @@ class Input:
     def silence(self, arrived: float) -> int:
         """Time since the last message that was let in, ns."""
         return round((arrived - self._admitted) * NANOSECONDS) if self._admitted else 0
-
-    def stopped(self, now: float) -> float:
-        """Seconds for which nothing has come where messages came steadily before; 0 where they do, or never did."""
-        silent = self.silence(now) / NANOSECONDS
-        usual = SILENT_PERIODS * self.gaps.steady / NANOSECONDS
-        return silent if usual and silent > max(usual, SILENT) else 0.0
 
     def behind(self, stamp: int) -> int:
         """How far a stamp is behind what more than one message speaks for, ns; negative for one ahead."""
