@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from estimation.checks import FloatArray, as_own, as_points, as_vectors
+from estimation.checks import FloatArray, as_own, as_vectors
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 from estimation.geometry.polygons import (
@@ -53,14 +53,8 @@ class Place:
             raise InputError(
                 f"place {self.name!r}, kind: one of {', '.join(KINDS)} expected, got {self.kind!r}"
             )
-        outline = as_points(f"place {self.name!r}, polygon", self.polygon, 2)
-        if len(outline) < 3:
-            raise InputError(
-                f"place {self.name!r}, polygon: at least three corners expected, got {len(outline)}"
-            )
-        # Areas and probabilities are signed by the order of the corners.
-        ordered = outline if signed_area(outline) > 0.0 else np.ascontiguousarray(outline[::-1])
-        object.__setattr__(self, "polygon", ordered)
+        outline = check_outline(f"place {self.name!r}, polygon", self.polygon)
+        object.__setattr__(self, "polygon", outline)
 
     @classmethod
     def checked(cls, name: str, given: Mapping[str, Any]) -> Place:
@@ -73,8 +67,6 @@ class Place:
         if "polygon" not in given:
             raise InputError(f"place {name!r} has no polygon")
         kind = given.get("kind", "room")
-        if kind not in KINDS:
-            raise InputError(f"place {name!r}, kind: one of {', '.join(KINDS)} expected, got {kind!r}")
         for key in ("type", "preposition"):
             if not isinstance(given.get(key, ""), str):
                 raise InputError(f"place {name!r}, {key}: a word expected, got {given[key]!r}")
@@ -83,7 +75,7 @@ class Place:
         usual = "in" if kind == "room" else "at"
         return cls(
             name,
-            check_outline(f"place {name!r}, polygon", given["polygon"]),
+            given["polygon"],
             kind,
             given.get("type", ""),
             (low, high),

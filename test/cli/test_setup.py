@@ -30,12 +30,13 @@ from whereabouts.logs import (
 from whereabouts.logs.bags.encode import header, scan_message, transform_message
 from whereabouts.logs.bags.ros_types import standard_types
 from whereabouts.logs.writer import LATCHED
+from whereabouts.messages.type_names import BOXES, CAMERA_INFO, COMPRESSED, DETECTIONS, IMAGE
 from whereabouts.parameter_file import problems_of_file, settings_for
 from whereabouts.robot.choice import choose
 from whereabouts.robot.findings import findings
 from whereabouts.robot.preset import preset, preset_names
 from whereabouts.robot.robot_file import as_text
-from whereabouts.robot.survey import BOXES, CAMERA_INFO, COMPRESSED, DETECTIONS, IMAGE, Survey
+from whereabouts.robot.survey import Survey
 from whereabouts.simulation.world_bag import SuiteMessages
 from whereabouts.suite_config import SuiteConfigError, read_config
 

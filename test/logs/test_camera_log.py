@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from whereabouts.logs import McapWriter, Topic, open_raw
 from whereabouts.logs.bags.encode import header, xyz, xyzw
-from whereabouts.recorded.camera_log import BOXES, COMPRESSED, IMAGE, INFO, TF
+from whereabouts.messages.type_names import BOXES, CAMERA_INFO, COMPRESSED, DETECTIONS, IMAGE, TF
 from whereabouts.recorded.evidence_messages import Reader
-from whereabouts.recorded.world_log import DETECTIONS, EvidenceLog
+from whereabouts.recorded.world_log import EvidenceLog
 from whereabouts.simulation.home.apartment_camera import Item
 from whereabouts.simulation.home.floor_plan import apartment
 from whereabouts.simulation.world_bag import SuiteMessages, pose
@@ -59,7 +59,7 @@ class CameraRecorder:
         lens = self.camera.camera
         k = np.array([lens.fx, 0.0, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0])
         message = self.make(
-            INFO,
+            CAMERA_INFO,
             header=stamped(self.now, "eye"),
             height=lens.height,
             width=lens.width,
@@ -68,7 +68,7 @@ class CameraRecorder:
             k=k,
             r=np.eye(3).ravel(),
         )
-        self.write("/camera_info", INFO, message, self.now)
+        self.write("/camera_info", CAMERA_INFO, message, self.now)
 
     def look(self, things: dict[str, Any], count: int, depth: bool = True) -> None:
         scene = self.camera.scene(BASE @ MOUNT, apartment().blocks, things)

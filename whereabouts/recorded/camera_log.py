@@ -14,6 +14,7 @@ from estimation.geometry.rotations import quaternion_from_rotation
 from whereabouts.messages.compressed_depth import encoding_of
 from whereabouts.messages.decode import NANOSECONDS, nanoseconds, transforms
 from whereabouts.messages.records import strip_slash
+from whereabouts.messages.type_names import CAMERA_INFO, COMPRESSED, IMAGE, TF
 from whereabouts.recorded.camera_messages import (
     TOLERANCE,
     Cameras,
@@ -25,9 +26,7 @@ from world_model import WorldEvidence
 from world_model.camera import CameraModel, CameraView, DepthImage, SightRates, located
 from world_model.camera.depth import ENCODINGS
 
-TF, INFO, IMAGE = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/Image"
-BOXES, COMPRESSED = "vision_msgs/msg/Detection2DArray", "sensor_msgs/msg/CompressedImage"
-TYPES = (TF, INFO, IMAGE, COMPRESSED)
+TYPES = (TF, CAMERA_INFO, IMAGE, COMPRESSED)
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ class CameraLog:
                     self.transforms.move(child, parent, stamp, np.append(record.transform[:3, 3], turn))
             return
         frame, stamp = strip_slash(str(message.header.frame_id)), nanoseconds(message.header.stamp)
-        if kind == INFO:
+        if kind == CAMERA_INFO:
             self._lenses.take_info(message, frame)
         elif encoding_of(message) if kind == COMPRESSED else str(message.encoding) in ENCODINGS:
             kept = self._depths.setdefault(frame, Cameras())

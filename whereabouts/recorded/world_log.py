@@ -14,13 +14,13 @@ from whereabouts.logs import RawMessage, open_raw
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.decode import NANOSECONDS, nanoseconds
 from whereabouts.messages.records import strip_slash
-from whereabouts.recorded.camera_log import BOXES, TYPES, CameraLog, CameraSettings
+from whereabouts.messages.type_names import BOXES, DETECTIONS
+from whereabouts.recorded.camera_log import TYPES, CameraLog, CameraSettings
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
 from whereabouts.system.log_errors import NothingRecognisedError, UnreadableTypeError
 from world_model import WorldEvidence
 
 EVIDENCE = "whereabouts_msgs/msg/WorldEvidence"
-DETECTIONS = "vision_msgs/msg/Detection3DArray"
 TARGETS = "whereabouts_msgs/msg/TargetArray"
 PATIENCE = NANOSECONDS
 """of recording that what is seen waits for transforms and depth images."""

@@ -11,7 +11,8 @@ from whereabouts.logs.format_detection import detect
 from whereabouts.messages.compressed_depth import SUFFIXES, encoding_of
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, scans, seconds
 from whereabouts.messages.records import TransformRecord, strip_slash
-from whereabouts.robot.survey import COMPRESSED, IMAGE, ODOMETRY, SCAN, TF, SeenTopic, Survey
+from whereabouts.messages.type_names import COMPRESSED, IMAGE, ODOMETRY, SCAN, TF
+from whereabouts.robot.survey import SeenTopic, Survey
 from whereabouts.system.log_errors import UnreadableTypeError
 
 # What a recording holds shows within its first minute, but for transforms that are latched later.

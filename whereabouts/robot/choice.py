@@ -4,20 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from whereabouts.messages import type_names as types
 from whereabouts.node_interfaces import NODE_INTERFACES
 from whereabouts.robot.preset import Preset, usual_names
-from whereabouts.robot.survey import (
-    BOXES,
-    CAMERA_INFO,
-    CLOUD,
-    COMPRESSED,
-    DETECTIONS,
-    IMAGE,
-    ODOMETRY,
-    SCAN,
-    SeenTopic,
-    Survey,
-)
+from whereabouts.robot.survey import SeenTopic, Survey
 from world_model.camera.depth import ENCODINGS
 
 
@@ -47,7 +37,7 @@ class Choice:
 
 def choose(survey: Survey, wanted: Preset | None = None) -> Choice:
     """Decide from what was seen; where that says nothing, `wanted` does."""
-    scans, clouds = _heard_first(survey.of(SCAN)), _heard_first(survey.of(CLOUD))
+    scans, clouds = _heard_first(survey.of(types.SCAN)), _heard_first(survey.of(types.CLOUD))
     scans = _each_once(scans)
     if wanted is not None:
         scans = sorted(scans, key=lambda item: item.name not in wanted.scan_topics)
@@ -105,7 +95,7 @@ def _tree(survey: Survey, frame: str) -> set[str]:
 def _wheels(survey: Survey, wanted: Preset | None) -> str:
     """The topic of wheel odometry; an Odometry topic may also be a mapper's result, or the truth."""
     known = usual_names()
-    offered = [item.name for item in survey.of(ODOMETRY)]
+    offered = [item.name for item in survey.of(types.ODOMETRY)]
     if not survey.topics and wanted is not None:
         return wanted.wheel_topic
     if wanted is not None and wanted.wheel_topic in offered:
@@ -123,23 +113,28 @@ def _wheels(survey: Survey, wanted: Preset | None) -> str:
 def _detector(survey: Survey, scans: list[str]) -> dict[str, object]:
     """Parameters for what detects objects, if anything does, and for the camera in whose image it does so."""
     own = {item.name for item in NODE_INTERFACES["world_model"] if item.kind == "out"}
-    heard = _heard_first(survey.of(BOXES, DETECTIONS))
+    heard = _heard_first(survey.of(types.BOXES, types.DETECTIONS))
     found = next((item for item in heard if item.name.rpartition("/")[2] not in own), None)
     if found is None:
         return {}
-    boxes = found.kind == BOXES
+    boxes = found.kind == types.BOXES
     given: dict[str, object] = {"detections_2d_topic" if boxes else "detections_topic": found.name}
     if found.rate:
         given["rate_hz"] = round(found.rate, 2)
     # A camera's depth images may have the frame of its pictures, and a camera_info of their own.
-    lenses = sorted(survey.of(CAMERA_INFO), key=lambda item: ("depth" in item.name, item.name))
+    lenses = sorted(survey.of(types.CAMERA_INFO), key=lambda item: ("depth" in item.name, item.name))
     same = [item for item in lenses if item.frame == found.frame]
     if not same and not (boxes and found.frame) and len({item.frame for item in lenses}) == 1:
         same = lenses
     if not same:
         return given
     given["camera_info_topic"] = same[0].name
-    images = [item for kind in (IMAGE, COMPRESSED) for item in survey.of(kind) if item.frame == same[0].frame]
+    images = [
+        item
+        for kind in (types.IMAGE, types.COMPRESSED)
+        for item in survey.of(kind)
+        if item.frame == same[0].frame
+    ]
     depth = next((item.name for item in images if item.encoding in ENCODINGS), "")
     if depth:
         given["depth_topic"] = depth

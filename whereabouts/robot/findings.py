@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 
 from registration.laser.mounting import level_pose
+from whereabouts.messages.type_names import CLOUD, IMU, ODOMETRY, SCAN, TF
 from whereabouts.robot.choice import Choice
-from whereabouts.robot.survey import CAMERAS, CLOUD, IMU, ODOMETRY, SCAN, TF, UNTAKEN, Survey, names
+from whereabouts.robot.survey import CAMERAS, UNTAKEN, Survey, names
 from whereabouts.system.counting import counted
 
 # s between the clocks of two sources: a transform is then looked up at a wrong time, or is not there at all.

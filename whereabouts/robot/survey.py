@@ -11,13 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from whereabouts.logs import Qos
+from whereabouts.messages.type_names import CAMERA_INFO, COMPRESSED, IMAGE
 
-SCAN, CLOUD = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/PointCloud2"
-ODOMETRY, TF = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
-IMU = "sensor_msgs/msg/Imu"
-IMAGE, CAMERA_INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
-COMPRESSED = "sensor_msgs/msg/CompressedImage"
-BOXES, DETECTIONS = "vision_msgs/msg/Detection2DArray", "vision_msgs/msg/Detection3DArray"
 # What scanners publish that no node takes, and what makes scans or clouds of it.
 UNTAKEN = {
     "sensor_msgs/msg/MultiEchoLaserScan": "let the driver or laser_proc publish its first echo as LaserScan",

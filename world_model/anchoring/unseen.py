@@ -30,9 +30,8 @@ _STEPS, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 AROUND = np.stack(np.meshgrid(_STEPS, _STEPS, indexing="ij"), -1).reshape(-1, 2)
 WEIGHTS = np.outer(_WEIGHTS, _WEIGHTS).ravel()
 """Deviations in x and y at which a Gaussian is averaged, and what each counts."""
-OUT_OF_VIEW = (
-    1e-6  # What a place out of view counts beside those in view: where a detector sees more than was said
-)
+# What a place out of view counts beside those in view: where a detector sees more than was said.
+OUT_OF_VIEW = 1e-6
 
 
 class Unseen:
@@ -162,9 +161,8 @@ class Unseen:
     def cells(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Indices of the cells of positions (..., 2), the nearest where outside."""
         at = ((positions - self.region[:2, 0]) / self.size).astype(np.int64)
-        most = np.array(self.returned.shape) - 1
-        at = np.clip(at, 0, most)
-        return at[..., 0], at[..., 1]
+        xs, ys = np.moveaxis(np.clip(at, 0, np.array(self.returned.shape) - 1), -1, 0)
+        return xs, ys
 
 
 def sensor_array(sensor: SensorCone | None) -> FloatArray:

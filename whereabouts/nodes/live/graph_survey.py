@@ -9,29 +9,14 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from whereabouts.logs import Qos
+from whereabouts.messages.type_names import COMPRESSED, IMAGE, OBSERVED
 from whereabouts.nodes.live.listener import listen
 from whereabouts.nodes.ros.inputs import EARLY
 from whereabouts.nodes.runtime.dead_ends import full_name
 from whereabouts.robot.bags import look_at_message
-from whereabouts.robot.survey import (
-    BOXES,
-    CAMERA_INFO,
-    CLOUD,
-    COMPRESSED,
-    DETECTIONS,
-    IMAGE,
-    IMU,
-    ODOMETRY,
-    SCAN,
-    TF,
-    SeenTopic,
-    Survey,
-)
+from whereabouts.robot.survey import SeenTopic, Survey
 
-HEARD = (
-    SCAN, CLOUD, ODOMETRY, IMU, TF, IMAGE, COMPRESSED, CAMERA_INFO, BOXES, DETECTIONS,
-    "diagnostic_msgs/msg/DiagnosticArray",
-)  # fmt: skip
+HEARD = (*OBSERVED, "diagnostic_msgs/msg/DiagnosticArray")
 NAMES = {
     ReliabilityPolicy.BEST_EFFORT: "best_effort", ReliabilityPolicy.RELIABLE: "reliable",
     DurabilityPolicy.VOLATILE: "volatile", DurabilityPolicy.TRANSIENT_LOCAL: "transient_local",
