@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from numbers import Real
 
 import numpy as np
@@ -84,8 +85,8 @@ def as_number(name: str, value: float) -> float:
         try:
             number = float(scalar)
         except OverflowError:
-            number = np.inf
-        if np.isfinite(number):
+            number = math.inf
+        if math.isfinite(number):
             return number
     raise InputError(f"{name} must be a finite number, not {value!r}")
 

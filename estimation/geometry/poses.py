@@ -215,6 +215,11 @@ def inverse_covariance(a: npt.ArrayLike, covariance: npt.ArrayLike) -> FloatArra
 
 def pose_to_matrix(pose: npt.ArrayLike) -> FloatArray:
     """Homogeneous matrix: (..., 3, 3) of an SE(2) pose, (..., 4, 4) of an SE(3) pose."""
+    pose = as_floats("pose", pose)
+    if pose.shape == (3,):
+        x, y, yaw = _floats("pose", pose)
+        c, s = math.cos(yaw), math.sin(yaw)
+        return np.array(((c, -s, x), (s, c, y), (0.0, 0.0, 1.0)))
     pose = as_vectors("pose", pose, 3, 6)
     size = 2 if pose.shape[-1] == 3 else 3
     out = np.zeros((*pose.shape[:-1], size + 1, size + 1))
@@ -262,9 +267,10 @@ def transform_points(pose: npt.ArrayLike, points: npt.ArrayLike) -> FloatArray:
     T = as_floats("pose", pose)
     if T.shape in ((3,), (6,)):
         T = pose_to_matrix(T)
-    if T.shape not in ((3, 3), (4, 4)):
+    elif T.shape in ((3, 3), (4, 4)):
+        require_finite("pose", T)
+    else:
         raise InputError(f"pose must have shape (3,), (6,), (3, 3) or (4, 4), not {T.shape}")
-    require_finite("pose", T)
     size = T.shape[0] - 1
     points = as_floats("points", points)
     if points.ndim == 0 or points.shape[-1] != size:

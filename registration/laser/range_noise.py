@@ -26,14 +26,16 @@ class RangeNoise:
         Along a straight line the inverse range is a sine of the bearing: two neighbours add up to 2 cos(step) times
         the one between them, however far the beams are apart. Most neighbours lie on one surface.
         """
-        ranges = np.where(scan.valid, scan.ranges, np.nan)
-        twice = 2.0 * math.cos(scan.angle_increment)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            inverse = 1.0 / ranges
-            off = ranges[1:-1] ** 2 * np.abs(inverse[:-2] - twice * inverse[1:-1] + inverse[2:])
-        off = off[np.isfinite(off)]
-        if len(off) < FEW:
+        valid = scan.valid
+        among = valid[:-2] & valid[1:-1] & valid[2:]
+        count = int(np.count_nonzero(among))
+        if count < FEW:
             return
+        twice = 2.0 * math.cos(scan.angle_increment)
+        inverse = 1.0 / np.where(valid, scan.ranges, 1.0)
+        bent = inverse[:-2] - twice * inverse[1:-1] + inverse[2:]
+        off = np.abs(bent[among]) * scan.ranges[1:-1][among] ** 2
         # A median over 0.6745 is a deviation; that of the sum is of 1, 2 and 1 ranges.
-        self._told.append(float(np.median(off)) / (0.6745 * math.sqrt(2.0 + twice**2)))
+        median = float(np.partition(off, count // 2)[count // 2])
+        self._told.append(median / (0.6745 * math.sqrt(2.0 + twice**2)))
         self.value = max(self._least, sorted(self._told)[(len(self._told) - 1) // 2])

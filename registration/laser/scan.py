@@ -79,13 +79,10 @@ class Scan:
     @property
     def valid(self) -> NDArray[np.bool_]:
         """Which beams returned, (N,); no-returns are False."""
-        with np.errstate(invalid="ignore"):
-            return (
-                np.isfinite(self.ranges)
-                & (self.ranges > 0.0)
-                & (self.ranges >= self.range_min)
-                & (self.ranges < min(self.range_max, FARTHEST))
-            )
+        # What is no number compares with nothing.
+        returned = self.ranges < min(self.range_max, FARTHEST)
+        returned &= self.ranges >= self.range_min if self.range_min > 0.0 else self.ranges > 0.0
+        return returned
 
     def without(self, beams: NDArray[np.bool_]) -> Scan:
         """The scan as if some beams (N,) had no reading."""

@@ -78,20 +78,30 @@ def nearest(x, y, nx, ny, radius, agree, signed, points, normals, heads, followi
     line has a zero normal and is never found.
     """
     mask = len(heads) - 1
-    low_i, high_i = math.floor((x - radius) / CELL), math.floor((x + radius) / CELL)
-    low_j, high_j = math.floor((y - radius) / CELL), math.floor((y + radius) / CELL)
+    own_i, own_j = math.floor(x / CELL), math.floor(y / CELL)
+    left, below = x - own_i * CELL, y - own_j * CELL
+    inside = min(left, CELL - left, below, CELL - below)
     best, found = radius * radius, EMPTY
-    for i in range(low_i, high_i + 1):
-        for j in range(low_j, high_j + 1):
-            k = heads[bucket_of(i, j, mask)]
-            while k != EMPTY:
-                dx, dy = x - points[k, 0], y - points[k, 1]
-                square = dx * dx + dy * dy
-                if square < best:
-                    cosine = nx * normals[k, 0] + ny * normals[k, 1]
-                    if cosine >= agree or (not signed and cosine <= -agree):
-                        best, found = square, k
-                k = following[k]
+    # Ring by ring around its own cell, until none can have a nearer one.
+    for ring in range(math.ceil(radius / CELL) + 1):
+        if ring > 0 and ((ring - 1) * CELL + inside) ** 2 >= best:
+            break
+        for i in range(own_i - ring, own_i + ring + 1):
+            across = max(i * CELL - x, x - (i + 1) * CELL, 0.0)
+            step = 1 if abs(i - own_i) == ring else 2 * ring
+            for j in range(own_j - ring, own_j + ring + 1, step):
+                along = max(j * CELL - y, y - (j + 1) * CELL, 0.0)
+                if across * across + along * along >= best:
+                    continue
+                k = heads[bucket_of(i, j, mask)]
+                while k != EMPTY:
+                    dx, dy = x - points[k, 0], y - points[k, 1]
+                    square = dx * dx + dy * dy
+                    if square < best:
+                        cosine = nx * normals[k, 0] + ny * normals[k, 1]
+                        if cosine >= agree or (not signed and cosine <= -agree):
+                            best, found = square, k
+                    k = following[k]
     return found
 
 

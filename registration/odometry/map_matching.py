@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -47,9 +48,14 @@ class ExpectedPose:
     covariance: FloatArray
     prior: Prior | None = None
 
+    @cached_property
+    def information(self) -> FloatArray:
+        """(3, 3) inverse of `covariance`."""
+        return np.asarray(np.linalg.inv(self.covariance))
+
     def against(self, pose: FloatArray) -> float:
         """Nat that speak against a pose (3,) as it is not where it is expected: those of Student's distribution."""
-        square = _square(pose, self.pose, np.asarray(np.linalg.inv(self.covariance)))
+        square = _square(pose, self.pose, self.information)
         return 0.5 * (TAIL + 3.0) * math.log1p(square / TAIL)
 
 
@@ -111,7 +117,7 @@ class MapMatcher:
         best = self._laid(scan, expected, expected.pose, self._doubt)
         if expected.against(best.refined.pose) > HELD:
             # Lines that tell little of the way along a corridor let a scan slide along it: the prediction holds it.
-            motion = expected.pose, np.asarray(np.linalg.inv(expected.covariance / EFFICIENCY))
+            motion = expected.pose, EFFICIENCY * expected.information
             prior = expected.prior or motion
             held = self._laid(scan, expected, expected.pose, self._doubt, prior)
             if expected.prior is None:
@@ -191,5 +197,5 @@ def _odds(match: Match) -> float:
 def _square(pose: FloatArray, expected: FloatArray, information: FloatArray) -> float:
     """Squared deviations of a pose (3,) from what is expected."""
     away = pose - expected
-    away[2] = wrap_angle(away[2])
+    away[2] = wrap_angle(float(away[2]))
     return float(away @ information @ away)

@@ -7,11 +7,13 @@ has it. Compounding is App. A.B of Paper A.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimation.checks import FloatArray
+from estimation.geometry.poses import compound, compound_jacobians
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Step:
 
 def planar_to_matrix(pose: FloatArray) -> FloatArray:
     """(3,) x, y, yaw to the (4, 4) homogeneous matrix of a motion in the plane."""
-    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     matrix = np.eye(4)
     matrix[:2, :2] = [[cosine, -sine], [sine, cosine]]
     matrix[:2, 3] = pose[:2]
@@ -55,16 +57,12 @@ def matrix_to_planar(matrix: FloatArray) -> FloatArray:
 def accumulate(pose: FloatArray, covariance: FloatArray, step: Step) -> tuple[FloatArray, FloatArray]:
     """Pose and lasting covariance after one more step, (3,), (3, 3) or (4, 4), (6, 6)."""
     lasting = step.covariance if step.drift is None else step.drift
-    by_pose, by_step = np.eye(len(covariance)), np.eye(len(covariance))
     if pose.shape == (3,):
-        rotation = planar_to_matrix(pose)[:2, :2]
-        x, y = offset = rotation @ step.increment[:2]
-        moved = np.array([*(pose[:2] + offset), pose[2] + step.increment[2]])
-        moved[2] = np.arctan2(np.sin(moved[2]), np.cos(moved[2]))
-        by_pose[:2, 2] = [-y, x]
-        by_step[:2, :2] = rotation
+        moved = compound(pose, step.increment)
+        by_pose, by_step = compound_jacobians(pose, step.increment)
     else:
         moved, rotation = pose @ step.increment, pose[:3, :3]
+        by_pose, by_step = np.eye(6), np.eye(6)
         x, y, z = rotation @ step.increment[:3, 3]
         by_pose[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
         by_step[:3, :3] = by_step[3:, 3:] = rotation

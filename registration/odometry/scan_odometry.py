@@ -11,6 +11,7 @@ all one way, come back as an error of the next motion, and without wheels grow f
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -287,7 +288,7 @@ class ScanTracker:
 
 def in_frame(covariance: FloatArray, yaw: float) -> FloatArray:
     """(3, 3) of x, y, yaw in the odometry frame, in a frame turned by `yaw`."""
-    c, s = np.cos(yaw), np.sin(yaw)
+    c, s = math.cos(yaw), math.sin(yaw)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return np.asarray(turn @ covariance @ turn.T)
 
@@ -324,5 +325,6 @@ def fused(
 
 def scan_covariance(refined: Refined, doubt: FloatArray) -> FloatArray:
     """(3, 3) of a scan's pose against the map, odometry frame; open directions have the prediction's `doubt` (3, 3)."""
-    covariance = np.linalg.inv(refined.information / EFFICIENCY + np.linalg.inv(doubt))
+    told = doubt @ refined.information / EFFICIENCY
+    covariance = np.linalg.solve(np.eye(3) + told, doubt)
     return np.asarray(0.5 * (covariance + covariance.T))

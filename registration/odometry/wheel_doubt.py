@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from estimation.checks import FloatArray
@@ -15,8 +17,9 @@ REFUTED = 16.0  # squared deviations from which on wheels were wrong, not just i
 
 def prediction_covariance(motion: FloatArray) -> FloatArray:
     """(3, 3) doubt about any predicted motion, in the frame it starts from."""
-    away = 0.05 + SHARE * float(np.hypot(motion[0], motion[1]))
-    return np.diag([away, away, 0.03 + SHARE * abs(float(motion[2]))]) ** 2
+    away = 0.05 + SHARE * math.hypot(motion[0], motion[1])
+    turn = 0.03 + SHARE * abs(float(motion[2]))
+    return np.array(((away**2, 0.0, 0.0), (0.0, away**2, 0.0), (0.0, 0.0, turn**2)))
 
 
 class WheelDoubt:

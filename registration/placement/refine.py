@@ -251,7 +251,7 @@ def _refine(source, lines, signed, guess, doubt, noise, most, prior):  # type: i
     opened, settled = 3, False
     moved = math.inf  # since the last matching
     spread = noise
-    crowd, trust = np.zeros(len(target), np.int64), np.ones(len(points))
+    crowd, trust = np.empty(len(target), np.int64), np.ones(len(points))
     for turns in range(most):
         final = width <= finest_width
         if not final or moved > 0.002 or turns == 0:
