@@ -25,7 +25,8 @@ class WorldObject:
 
     id : symbol, unique and stable ("cup-3"). position (3,) m, velocity (3,) m/s, covariance (3, 3) m² of the
     position, world frame; those of the uniform distribution over `region` where it is lost. attributes :
-    {"class": {"cup": 0.97, ...}, "color": {...}}, each sums to one. existence : probability that it is there.
+    {"class": {"cup": 0.97, ...}, "color": {...}}, each sums to one, less the share of values that nobody has named
+    yet; what was never measured is not among them. existence : probability that it is there.
     lost : not where it was, anywhere in `region`. last_seen, first_seen : stamps of measurements, s.
     behaviors : probability of each behaviour model (2.2): constant_position, constant_velocity, uniform.
     alternatives : ids that other hypotheses give to the same object. process_noise : (3, 3) m²/s by which the

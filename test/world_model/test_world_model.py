@@ -399,3 +399,33 @@ def test_leaves_are_given_back() -> None:
         assert sorted(tracks) == sorted(anchors.tracks)
         for cluster in anchors.clusters.values():
             assert np.exp(cluster.weights).sum() == pytest.approx(1.0)
+
+
+def test_a_color_that_was_never_measured_is_not_the_only_one_anybody_has() -> None:
+    """With an open list of colors: nothing is told of it until it is measured, and then that at once."""
+    model = WorldModel(WorldModelConfig(classes=("cup",), region=REGION))
+    spots = [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (2.0, 0.0, 1.0)]
+
+    def look(stamp: float, *colors: str) -> list[dict[str, float] | None]:
+        told = [{"class": {"cup": 1.0}} | ({"color": {color: 1.0}} if color else {}) for color in colors]
+        objects = [ObjectEvidence(p, 1e-4 * np.eye(3), each) for p, each in zip(spots, told, strict=False)]
+        state = model.update(WorldEvidence(objects, SENSOR), stamp)
+        return [item.attributes.get("color") for item in state.objects]
+
+    for k in range(10):
+        told = look(0.1 * k, "red", "")
+    red, plain = told
+    assert red is not None
+    assert red["red"] > 0.99
+    assert plain is None
+    for k in range(10, 20):
+        told = look(0.1 * k, "red", "", "blue")
+    _, plain, blue = told
+    assert plain is None
+    assert blue is not None
+    assert blue["blue"] > 0.99
+    # Two of a detector that is right in nine of ten cases.
+    look(2.0, "red", "green", "blue")
+    _, green, _ = look(2.1, "red", "green", "blue")
+    assert green is not None
+    assert green["green"] > 0.9

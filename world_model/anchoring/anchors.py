@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from world_model.anchoring.attributes import Gaussian, Quantities, Vocabulary
+from world_model.anchoring.attributes import CLASS, Gaussian, Quantities, Vocabulary
 from world_model.anchoring.loops.branching import presence, same_worlds
 from world_model.anchoring.loops.clusters import Cluster, Track, combined
 from world_model.anchoring.loops.expansion import components, unify
@@ -76,7 +76,7 @@ class Anchors:
     def learn_value(self, name: str, value: str) -> None:
         """A new value of an attribute whose values are not fixed."""
         column = self.vocabulary.add(name, value)
-        self.pool.widen(column)
+        self.pool.widen(column, None if name == CLASS else column + 1 - len(self.vocabulary.values[name]))
         if name == "class":
             self.motion = motion_table(self.vocabulary.values["class"], self.config.motion)
 

@@ -13,19 +13,26 @@ from world_model.anchoring.loops.kernels import MEMORY
 from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, Leaves
 from world_model.evidence import Distribution
 
+CLASS = "class"
+OTHER = ""  # Stands for all values that nobody has named yet
+MORE = 1.0 + 1e-9  # Times as likely: rounding is no knowledge
+LOWEST = 1e-4  # of all values together
 LEAST = 0.01  # of a detector's probability goes to values it does not name or excludes
 
 
 class Vocabulary:
     """Values of each attribute, side by side in columns; closed lists refuse other values, open ones grow.
 
-    blocks (K, 2) : first column and column after the last of each attribute, classes first.
+    The first value of an open list is `OTHER`: what was never measured need not be as what was; but for classes, as
+    every detection is of one. blocks (K, 2) : first column and column after the last of each attribute, classes first.
     """
 
     def __init__(self, known: Mapping[str, Sequence[str]], accuracy: float) -> None:
         self.accuracy = accuracy
         self.names = list(known)
-        self.values: dict[str, list[str]] = {name: list(values) for name, values in known.items()}
+        self.values: dict[str, list[str]] = {
+            name: list(values) if values or name == CLASS else [OTHER] for name, values in known.items()
+        }
         self.closed = {name for name, values in known.items() if values}
         self._index: dict[tuple[str, str], int] = {}
         self.blocks: IntArray = np.zeros((0, 2), np.int64)
@@ -74,12 +81,12 @@ class Vocabulary:
                     f"{where}.attributes: unknown attribute {name!r}; known are {', '.join(self.names)}"
                 )
             for value in distribution:
-                if (name, value) in self._index:
+                if value and (name, value) in self._index:
                     continue
                 if name in self.closed or not isinstance(value, str) or not value:
                     raise InputError(
                         f"{where}.attributes[{name!r}]: unknown value {value!r}; "
-                        f"known are {', '.join(self.values[name])}"
+                        f"known are {', '.join(filter(None, self.values[name]))}"
                     )
                 fresh.append((name, value))
         return fresh
@@ -120,13 +127,24 @@ class Vocabulary:
         return out
 
     def distributions(self, row: FloatArray) -> dict[str, dict[str, float]]:
-        """Columns of a leaf (A,) as {attribute: {value: probability}}; attributes without values are left out."""
+        """Columns of a leaf (A,) as {attribute: {value: probability}}. An attribute of which nothing is known is left
+        out: none of its values is likelier than that it has another one."""
         values = row.tolist()
-        return {
-            name: dict(zip(self.values[name], values[start:end], strict=True))
-            for name, (start, end) in zip(self.names, self.blocks.tolist(), strict=True)
-            if end > start
-        }
+        out = {}
+        for name, (start, end) in zip(self.names, self.blocks.tolist(), strict=True):
+            told = dict(zip(self.values[name], values[start:end], strict=True))
+            other = told.pop(OTHER, 0.0)
+            if told and max(told.values()) > other * MORE:
+                out[name] = told
+        return out
+
+    def columns(self, name: str, known: Mapping[str, float]) -> FloatArray:
+        """One attribute's columns of what `distributions` tells of it; nothing is impossible."""
+        given = np.array([known.get(value, 0.0) for value in self.values[name]])
+        if self.values[name][0] == OTHER:
+            given[0] = max(1.0 - given.sum(), 0.0)
+        out: FloatArray = (given + LOWEST / len(given)) / (given.sum() + LOWEST)
+        return out
 
 
 Gaussian = tuple[float, float]  # Mean and variance, SI units

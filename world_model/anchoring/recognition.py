@@ -202,8 +202,7 @@ class Recognition:
         for (start, end), name in zip(anchors.vocabulary.blocks, anchors.vocabulary.names, strict=True):
             known = item.attributes.get(name)
             if known:
-                given = np.array([known.get(value, 0.0) for value in anchors.vocabulary.values[name]])
-                leaves.attributes[slot, start:end] = (given + 1e-4 / len(given)) / (given.sum() + 1e-4)
+                leaves.attributes[slot, start:end] = anchors.vocabulary.columns(name, known)
 
 
 def agreement(a: FloatArray, b: FloatArray, blocks: IntArray) -> FloatArray:

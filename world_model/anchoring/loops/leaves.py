@@ -137,7 +137,11 @@ class Pool:
         """Return a row."""
         release(self.leaves.track, self.rows.free, self.rows.top, slot)
 
-    def widen(self, column: int) -> None:
-        """Insert an attribute column (a new value) before `column`."""
+    def widen(self, column: int, other: int | None) -> None:
+        """Insert an attribute column (a new value) before `column`; it is as likely as `other`, the first one of its
+        attribute, of which it was a part until now."""
         attributes = np.ascontiguousarray(np.insert(self.leaves.attributes, column, 0.0, axis=1))
+        if other is not None:
+            attributes[:, column] = attributes[:, other]
+            attributes[:, other : column + 1] /= 1.0 + attributes[:, [other]]
         self.rows = self.rows._replace(leaves=self.leaves._replace(attributes=attributes))
