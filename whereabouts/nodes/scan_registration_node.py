@@ -19,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 from estimation.errors import InputError
 from estimation.geometry.poses import (
     compound,
-    compound_covariance,
+    compound_jacobians,
     inverse,
     pose_from_matrix,
     pose_to_matrix,
@@ -283,9 +283,10 @@ def _seen_from(level: Array, motion: Array | None) -> Array | None:
 
 def _conjugate(level: Array, motion: Array, covariance: Array) -> Array:
     """Covariance (3, 3) of the robot's motion from that of its sensor, mounted at `level`."""
-    nothing = np.zeros((3, 3))
-    moved = compound_covariance(level, nothing, motion, covariance)
-    return np.asarray(compound_covariance(compound(level, motion), moved, inverse(level), nothing))
+    _, by_motion = compound_jacobians(level, motion)
+    by_sensor, _ = compound_jacobians(compound(level, motion), inverse(level))
+    J = by_sensor @ by_motion
+    return np.asarray(J @ covariance @ J.T)
 
 
 def main() -> None:
