@@ -55,6 +55,8 @@ def look(x, y, doubt, ranges, angle_min, step):  # type: ignore[no-untyped-def]
         return UNSEEN
     distance = math.hypot(x, y)
     margin = SIGMAS * math.sqrt(RANGE_SIGMA * RANGE_SIGMA + doubt * doubt)
+    if abs(distance - ranges[centre]) <= margin:
+        return AGREES
     # A beam to either side for its own width, and as many as its bearing may be off by.
     around = round(2.0 * math.pi / abs(step))
     beside = min(1 + int(BEARING_SIGMA / abs(step)), around // 2)
@@ -67,7 +69,7 @@ def look(x, y, doubt, ranges, angle_min, step):  # type: ignore[no-untyped-def]
         return THROUGH
     if distance > farthest + margin:
         return HIDDEN
-    return AGREES if abs(distance - ranges[centre]) <= margin else UNSEEN
+    return UNSEEN
 
 
 @njit(cache=True)
