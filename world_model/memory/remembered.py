@@ -103,12 +103,12 @@ class Remembered:
             self.things[name] = self._free.pop()
         return self.things[name]
 
-    def _grow(self) -> None:
-        """Room for twice as many things."""
+    def _grow(self, least: int = 16) -> None:
+        """Room for twice as many things, and for so many more."""
         before = len(self.seen)
-        more = max(before, 16)
+        more = max(before, least)
         added = _empty(len(self.looked), more)
-        self.history = History(*map(np.hstack, zip(self.history, added, strict=True)))
+        self.history = History(*map(np.hstack, zip(self.history, added, strict=True))) if before else added
         self.been = np.pad(self.been, ((0, 0), (0, more)))
         self.seen = np.append(self.seen, np.full(more, -np.inf))
         self._free = list(range(before + more - 1, before - 1, -1))
@@ -274,6 +274,7 @@ class Remembered:
         rows = slots % len(self.looked)
         for name, text in data.get("looks", {}).items():
             self.looked[rows, self.places[name]] = unpacked(text, len(slots))
+        self._grow(len(data["objects"]))
         for kept in data["objects"]:
             thing = self.column(kept["name"])
             self.seen[thing] = -np.inf if kept["seen"] is None else kept["seen"]
