@@ -65,7 +65,8 @@ def _look(scene: str, rng: np.random.Generator) -> LabelledPair:
         if min(place.distance(pose[:2]) for pose in (start, end)) > clear and _is_free(
             movers, (start, end), times
         ):
-            return labelled(place, movers, (start, end), times, lidar, rng, rng.choice([0.0, 0.01, 0.02]))
+            resolution = float(rng.choice([0.0, 0.01, 0.02]))
+            return labelled(place, movers, (start, end), times, lidar, rng, resolution)
 
 
 def _place(scene: str, rng: np.random.Generator) -> Shapes:

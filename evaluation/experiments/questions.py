@@ -99,8 +99,9 @@ class AskedHome:
         for day in range(days):
             for hour in rng.choice(np.arange(8, 21), 5, replace=False):
                 begin = BEGIN + day * DAY + (hour + rng.uniform(0.0, 0.3)) * HOUR
-                person, place = rng.choice(["anna", "ben"]), rng.choice(["kitchen_table", "sofa", "desk"])
-                visits.append((str(person), str(place), begin, begin + rng.uniform(20.0, 35.0) * 60.0))
+                person = str(rng.choice(["anna", "ben"]))
+                at = str(rng.choice(["kitchen_table", "sofa", "desk"]))
+                visits.append((person, at, begin, begin + rng.uniform(20.0, 35.0) * 60.0))
         return cls(moves, visits)
 
     def at(self, name: str, stamp: float) -> tuple[str, np.ndarray]:

@@ -152,11 +152,11 @@ def simulated(seed: int, scenes: int = 250) -> list[ClusterExamples]:
         room = random_room(rng)
         lidar = Lidar(
             int(rng.choice([181, 361, 541, 721])),
-            rng.choice([np.pi, 1.5 * np.pi]),
+            float(rng.choice([np.pi, 1.5 * np.pi])),
             sigma=rng.uniform(0.003, 0.03),
-            range_max=rng.choice([6.0, 12.0, 30.0]),
-            resolution=rng.choice([0.0, 0.001, 0.01]),
-            dropout=rng.choice([0.0, 0.02]),
+            range_max=float(rng.choice([6.0, 12.0, 30.0])),
+            resolution=float(rng.choice([0.0, 0.001, 0.01])),
+            dropout=float(rng.choice([0.0, 0.02])),
         )
         bodies = rng.choice(["legs", "legs", "trunk", "skirt"], 5)
         people = [wander(rng, room, (4.0, 4.0), 8.0, random_build(rng, str(body))) for body in bodies]

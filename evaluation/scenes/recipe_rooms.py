@@ -96,7 +96,7 @@ def recipe_room(
         spot = width * np.array(second if redesigned else first) + spread * rng.standard_normal(2)
         positions[name], sizes[name] = np.clip(spot, 0.3, width - 0.3), size
     for name, (size, hosts, away) in SMALLS.items():
-        host = rng.choice(list(hosts), p=list(hosts.values()))
+        host = str(rng.choice(list(hosts), p=list(hosts.values())))
         spot = positions[host] + away * rng.standard_normal(2)
         positions[name], sizes[name] = np.clip(spot, 0.1, width - 0.1), size
     return RecipeRoom(positions, sizes, width)

@@ -21,7 +21,7 @@ def random_room(rng: np.random.Generator, clutter: int | None = None) -> Shapes:
             parts.append(circle(x, y, rng.uniform(0.08, 0.3)))
             continue
         # Most furniture stands along the walls.
-        yaw = rng.choice([0.0, 0.5 * np.pi]) if rng.random() < 0.7 else rng.uniform(0.0, np.pi)
+        yaw = float(rng.choice([0.0, 0.5 * np.pi])) if rng.random() < 0.7 else rng.uniform(0.0, np.pi)
         parts.append(box(rng.uniform(0.4, 1.8), rng.uniform(0.3, 0.8), (x, y, yaw)))
     return joined(parts).moved((0.0, 0.0, rng.uniform(-np.pi, np.pi)))
 
