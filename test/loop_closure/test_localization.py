@@ -98,6 +98,7 @@ def located(
     return said, np.array(misses)
 
 
+@pytest.mark.usefixtures("kiss_matcher")
 @pytest.mark.parametrize(("metres", "back"), [(1.5, False), (-1.0, True)])
 def test_clouds_are_found_in_a_saved_map_from_anywhere(saved: Slam, metres: float, back: bool) -> None:
     way = aside(ROUND[20:45], metres, back)[:16]
@@ -184,6 +185,7 @@ def test_a_pose_as_rviz_says_it_is_made_exact_at_once(saved: Slam) -> None:
     assert misses[first:].max() < 0.15
 
 
+@pytest.mark.usefixtures("kiss_matcher")
 def test_a_wrong_pose_is_given_up_and_the_right_one_found(saved: Slam) -> None:
     localizer = Localizer(saved.keyframes, saved.graph.poses)
     localizer.place([5.0, 25.0, 2.0])
@@ -209,6 +211,7 @@ def test_a_planar_pose_stands_on_the_map_s_slope() -> None:
     assert ground.on_the_ground(np.array([12.0, 0.0, np.pi]))[2, 0] == pytest.approx(np.sin(pitch))
 
 
+@pytest.mark.usefixtures("kiss_matcher")
 def test_a_restart_in_mid_run_goes_on_in_the_saved_map(saved: Slam, tmp_path) -> None:
     """The map is extended past its end by the second run, in one frame."""
     file = tmp_path / "again.npz"

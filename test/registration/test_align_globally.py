@@ -119,6 +119,7 @@ def test_planar_and_spatial_do_not_mix() -> None:
         align_globally(np.zeros((50, 2)), np.zeros((50, 3)))
 
 
+@pytest.mark.usefixtures("kiss_matcher")
 def test_recorded_clouds() -> None:
     path = recording("scans_3d/source.ply")
     if path is None:

@@ -326,6 +326,7 @@ class Street:
         return pose_to_matrix(pose_from_quaternion([t.x, t.y, t.z], [q.x, q.y, q.z, q.w]))
 
 
+@pytest.mark.usefixtures("kiss_matcher")
 def test_a_map_of_clouds_is_saved_and_the_robot_found_in_it_again(graph: Graph, tmp_path: Path) -> None:
     """Killed, started again in mid-run with odometry that begins anew; and localising only, from RViz's pose."""
     robot, stem = Street(graph), str(tmp_path / "street")
