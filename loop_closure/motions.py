@@ -13,7 +13,7 @@ from estimation.checks import FloatArray, as_own
 from estimation.geometry.poses import between, compound, inverse, pose_from_matrix
 from estimation.geometry.rotations import require_rigid
 
-MOST = 0.25  # m², rad²: of one step, so that sums stay well conditioned
+MOST = 100.0  # m², rad²: of one step, so that sums stay well conditioned
 
 
 def as_pose(name: str, value: npt.ArrayLike) -> FloatArray:

@@ -38,6 +38,8 @@ LEAST_LINED = 15  # points on lines below which a scan is not registered
 # Share of the last motion that is expected next where nothing has told of it but itself, without wheels: a sensor that
 # has stopped meanwhile must not be driven on for ever.
 FADE = 0.5
+CARRIED = 1.5  # m/s, deviation of a sensor that nobody follows: somebody may walk with it
+ANY_HEADING = math.pi / math.sqrt(3.0)  # rad, deviation of a heading of which nothing is known
 
 
 class ScanTracker:
@@ -51,6 +53,8 @@ class ScanTracker:
         self.pose = np.zeros(3)
         self._habit, self._wheels = Habit(), WheelDoubt()
         self._key, self._sure = np.zeros(3), np.zeros(3)
+        self._sure_at = 0.0  # s
+        self._at_best = 0.0  # nat, the lowest odds that a scan has had at best since the map was lost
         self._last = np.zeros(3)  # motion of the last step
         self._stamp: float | None = None
         # Motion from the first beam of the last scan to the middle of its sweep, and its covariance.
@@ -152,7 +156,7 @@ class ScanTracker:
         first = self._travelled == 0.0 and not self._lost
         self.pose = self.pose if first else compound(self.pose, motion)
         self._noise = np.zeros((3, 3))
-        self._sure = self.pose
+        self._sure, self._sure_at = self.pose, self._stamp or 0.0
         if not poor:
             self._lost = 0
             self._insert(scan)
@@ -168,10 +172,11 @@ class ScanTracker:
         match : the best there is in the map.
         """
         wheels = expected.prior is not None
+        self._at_best = min(match.odds, self._at_best if self._lost else 0.0)
         if len(self._spare.map):
             found = self._spare.find(scan, expected, self.pose)
             if found.believable:
-                return self._follow(scan, motion, found.refined, found.share)
+                return self._changed(self._follow(scan, motion, found.refined, found.share))
         reason = f"{match.reason}: the pose is predicted"
         if not wheels and match.odds > self._matcher.kept(scan, expected, match).odds:
             motion = between(self.pose, match.refined.pose)
@@ -179,8 +184,7 @@ class ScanTracker:
         step = self._predict(motion, wheels, reason, match.share)
         self._spare.map.clear()
         self._spare.map.add(scan.surface, scan.view, self.pose, self._travelled)
-        self._change_map()
-        return step
+        return self._changed(step)
 
     def _follow(self, scan: PreparedScan, motion: FloatArray, refined: Refined, share: float) -> Step:
         """The motion since the last scan is known by the scans since the map was lost."""
@@ -192,16 +196,30 @@ class ScanTracker:
         noise = in_frame(scan_covariance(refined, in_frame(prediction_covariance(motion), -yaw)), yaw)
         self._spare.map.add(scan.surface, scan.view, self.pose, self._travelled)
         self._spare.saw(scan.view, self.pose)
-        self._change_map()
         reason = "the map is lost: the scan is laid on those before it"
         return Step(self._last, noise, True, reason, share, np.zeros((0, 2)), noise)
 
-    def _change_map(self) -> None:
-        """Give the map up where it was not found for long."""
-        if self._lost >= self.config.patience:
-            self._matcher, self._spare = self._spare, self._matcher
-            self._spare.map.clear()
-            self._lost, self._sure, self._noise = 0, self.pose, np.zeros((3, 3))
+    def _changed(self, step: Step) -> Step:
+        """Give the map up where it was not found for long. Where it does not just lack what is seen, but contradicts it
+        beyond belief, nobody knows how the sensor came to where it is now."""
+        if self._lost < self.config.patience or self._stamp is None:
+            return step
+        self._matcher, self._spare = self._spare, self._matcher
+        self._spare.map.clear()
+        self._lost, self._sure, self._noise = 0, self.pose, np.zeros((3, 3))
+        if self._at_best > -GROSS:
+            return step
+        away = min(CARRIED * max(self._stamp - self._sure_at, 0.0), self.config.map_radius)
+        anywhere = np.diag([away, away, ANY_HEADING]) ** 2
+        drift = step.covariance if step.drift is None else step.drift
+        reason = "the map was not found again: a new one begins where it is predicted"
+        return replace(
+            step,
+            covariance=step.covariance + anywhere,
+            drift=drift + anywhere,
+            converged=False,
+            reason=reason,
+        )
 
     def _predict(self, motion: FloatArray, wheels: bool, reason: str, fitness: float) -> Step:
         self._lost += 1
@@ -244,7 +262,7 @@ class ScanTracker:
                 self.offset.learn(scan.surface, refined, self.map.target, self.map.facing)
             self._insert(scan)
             drift = DRIFT * in_frame(noise, float(before[2]))
-        self._sure = self.pose
+        self._sure, self._sure_at = self.pose, self._stamp or 0.0
         self._matcher.saw(scan.view, self.pose)
         static = scan.surface.points[match.agreement.labels == 0]
         sure = match.odds > 0.0

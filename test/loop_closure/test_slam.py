@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimation.errors import InputError
-from estimation.geometry.poses import between, compound
+from estimation.geometry.poses import between, compound, inverse
 from estimation.metrics.statistics import absolute_trajectory_error, align_points
 from loop_closure.graph.edges import Edge
 from loop_closure.maps.localization import Localizer
@@ -21,7 +21,7 @@ from loop_closure.slam.closure_hypotheses import Guess
 from loop_closure.slam.trajectory import Slam
 from loop_closure.slam_config import SlamConfig
 from loop_closure.work import Steps
-from registration import Scan
+from registration import Odometry, Scan
 from whereabouts.simulation import Drive, Lidar, Shapes, box, joined
 
 SPOTS = (
@@ -75,6 +75,28 @@ def mapped(scans: list[Scan], odometry: np.ndarray, **more: Any) -> Slam:
 def same_way() -> tuple[Slam, np.ndarray, np.ndarray]:
     scans, odometry, truth = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
     return mapped(scans, odometry), odometry, truth
+
+
+def test_a_robot_that_is_carried_away_while_it_maps_is_found_again() -> None:
+    """Odometry says that it knows nothing of how it came there, so that it is looked for where its map allows it."""
+    drive, lidar, rng = drive_of([*CORNERS, *CORNERS]), Lidar(361, 2.0 * np.pi), np.random.default_rng(2)
+    whole = np.array([drive(0.25 * k) for k in range(int(drive.duration / 0.25))])
+    first = int(0.62 * len(whole))
+    truth = np.delete(whole, slice(first, first + 60), axis=0)
+    assert np.hypot(*(truth[first] - truth[first - 1])[:2]) > 9.0
+    odometry, slam, world, reasons = Odometry(), Slam(), ring(), []
+    for k, pose in enumerate(truth):
+        stamp = 0.25 * k + (5.0 if k >= first else 0.0)
+        scan = lidar.scan(world, pose, rng, stamp).scan
+        slam.process(scan, odometry.register(scan, stamp), odometry.covariance, stamp)
+        if "a new one begins" in odometry.reason:
+            reasons.append(k - first)
+            assert np.sqrt(np.linalg.eigvalsh(odometry.increment_covariance)[1:]).min() > 5.0
+    assert len(reasons) == 1
+    assert reasons[0] < 10
+    start = compound(truth[0], inverse(slam.trajectory()[0, 1:]))
+    misses = np.array([compound(start, pose) for pose in slam.trajectory()[:, 1:]]) - truth
+    assert np.hypot(*misses[first + 20 :, :2].T).max() < 0.2
 
 
 def wrong(slam: Slam, truth: np.ndarray) -> list[float]:
