@@ -13,7 +13,7 @@ from estimation.geometry.grid import OccupancyGrid
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance, MaintenanceConfig, Trigger
-from world_model.tasks.maintenance_kernels import path_gain, shortest_way, single_gains
+from world_model.tasks.maintenance_kernels import looks_along, path_gain, shortest_way, single_gains
 from world_model.tasks.maintenance_warm_up import warm_up
 
 CAMERA = Sensor("camera", 0.4, 2.0, 0.01 * np.eye(3))
@@ -100,7 +100,7 @@ def test_nothing_is_done_below_the_threshold_and_it_says_so() -> None:
 
 def test_after_warming_up_nothing_is_compiled() -> None:
     def compiled() -> list[int]:
-        return [len(kernel.signatures) for kernel in (path_gain, single_gains, shortest_way)]
+        return [len(kernel.signatures) for kernel in (path_gain, single_gains, shortest_way, looks_along)]
 
     warm_up()
     before = compiled()

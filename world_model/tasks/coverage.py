@@ -11,7 +11,7 @@ from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Place, Places
-from world_model.tasks.ways import resampled
+from world_model.tasks.maintenance_kernels import resampled
 
 CELL = 0.5  # metres
 CLEARANCE = 0.25  # metres

@@ -12,7 +12,7 @@ from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Place, Places
 from estimation.geometry.rotations import wrap_angle
-from world_model.tasks.maintenance_kernels import straight_stop
+from world_model.tasks.maintenance_kernels import looks_along, straight_stop
 
 CLEARANCE = 0.25  # m a robot's middle keeps from what is occupied
 ASIDE = math.radians(60.0)  # between directions that are different sides
@@ -36,18 +36,7 @@ class Way:
 
     def sampled(self, step: float) -> FloatArray:
         """(S, 3) x, y and heading after each `step` metres, the goal last; the robot itself only where it stays."""
-        places = resampled(self.points, step)
-        ahead = np.diff(places, axis=0)
-        bearings = np.arctan2(ahead[:, 1], ahead[:, 0])
-        headings = np.where(np.hypot(*ahead.T) > 1e-9, bearings, self.heading)
-        return np.column_stack([places, [headings[0], *headings[:-1], self.heading]])
-
-
-def resampled(points: FloatArray, step: float) -> FloatArray:
-    """Places (S, 2), the first and the last among them, at most `step` m apart along a line through points (K, 2)."""
-    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-    marks = np.linspace(0.0, along[-1], max(math.ceil(along[-1] / step - 1e-9), 1) + 1)
-    return np.column_stack([np.interp(marks, along, points[:, axis]) for axis in range(2)])
+        return np.asarray(looks_along(self.points, self.heading, step))
 
 
 class Ways:
