@@ -130,6 +130,11 @@ class OccupancyGrid:
         index = np.asarray(cells)
         return np.asarray(((index >= 0) & (index < np.array(self.shape))).all(axis=-1))
 
+    def window(self, low: npt.ArrayLike, high: npt.ArrayLike) -> tuple[slice, slice]:
+        """Rows and columns of the cells in the box from `low` (2,) to `high` (2,), metres."""
+        first, last = np.maximum(self.cells(low), 0), np.maximum(self.cells(high) + 1, 0)
+        return slice(int(first[0]), int(last[0])), slice(int(first[1]), int(last[1]))
+
     def lookup(self, points: npt.ArrayLike) -> FloatArray:
         """Log-odds (...) at points (..., 2); 0 outside the grid."""
         index = self.cells(points)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
@@ -123,21 +125,30 @@ class Entrances:
         known = self._worked_out
         if known is not None and known[0] is grid and math.dist(known[1], place) < AGAIN:
             return known[2]
-        rooms = list(self._places.rooms)
         # What nobody has mapped yet may be floor.
         paths = None if grid is None else GridPaths(grid, place, CLEARANCE, through_unknown=True)
         if grid is None or paths is None or not paths.reachable().any():
             # Of a robot that stands in a wall, or off the map, the map tells no way at all.
-            spots = {room.name: _nearest_to_middle(room, _lattice(room)) for room in rooms}
-            return {name: (spot, math.dist(spot, place)) for name, spot in spots.items()}
-        free = grid.centres(np.argwhere(paths.reachable()))
-        found = [_nearest_to_middle(room, free) for room in rooms]
+            return {name: (spot, math.dist(spot, place)) for name, spot in self._middles.items()}
+        reachable, rooms = paths.reachable(), self._places.rooms
+        found = [_nearest_to_middle(room, _cells_around(room, grid, reachable)) for room in rooms]
         lengths = paths.lengths(np.array(found).reshape(-1, 2)).tolist()
         entrances = {
             room.name: way for room, way in zip(rooms, zip(found, lengths, strict=True), strict=True)
         }
         self._worked_out = grid, place, entrances
         return entrances
+
+    @cached_property
+    def _middles(self) -> dict[str, FloatArray]:
+        """Of each room on an empty floor."""
+        return {room.name: _nearest_to_middle(room, _lattice(room)) for room in self._places.rooms}
+
+
+def _cells_around(room: Place, grid: OccupancyGrid, among: npt.NDArray[np.bool_]) -> FloatArray:
+    """Middles (N, 2) m of the grid's cells `among` some (H, W) in the box around a room."""
+    rows, columns = grid.window(room.polygon.min(axis=0), room.polygon.max(axis=0))
+    return grid.centres(np.argwhere(among[rows, columns]) + np.array([rows.start, columns.start]))
 
 
 def _lattice(room: Place) -> FloatArray:
