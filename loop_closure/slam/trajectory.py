@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -91,6 +91,11 @@ class Slam:
         self._every_scan = not thin if every_scan is None else every_scan
         self._new_graph, self._aside = graph, aside
         self.reset()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies, which smooth in the process they are in; what is half done cannot be copied."""
+        self._end_job()
+        return self.__dict__ | {"_aside": None}
 
     def reset(self) -> None:
         """Forget everything: the next scan starts a new map."""
@@ -242,8 +247,7 @@ class Slam:
         ------
         InputError : that is no closure in the graph. One that thinning has made part of the path is none any more.
         """
-        while self._job is not None:  # what is begun goes by the edges as they are
-            self._work(Allowance(None), len(self._coming) - 1)
+        self._end_job()  # what is begun goes by the edges as they are
         return self._closer.remove(closure)
 
     # One keyframe.
@@ -298,6 +302,10 @@ class Slam:
                 return
             self._job = None
             self._coming.popleft()
+
+    def _end_job(self) -> None:
+        while self._job is not None:
+            self._work(Allowance(None), len(self._coming) - 1)
 
     def _keyframe(self, k: int) -> Steps[None]:
         """All that one keyframe leads to. Numbers of keyframes stay as they are meanwhile."""

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import pickle
+from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -199,7 +202,11 @@ def test_a_saved_map_is_the_same_and_the_robot_is_found_in_it(
     assert [(c.earlier, c.later) for c in again.closures] == [(c.earlier, c.later) for c in slam.closures]
     scans, odometry, way = recorded(drive_of([CORNERS[1], CORNERS[2], CORNERS[3]]), 9, 0.0)
     localizer = Localizer(again.keyframes, again.graph.poses)
-    located = [localizer.process(scan, pose) for scan, pose in zip(scans, odometry, strict=True)]
+    located = []
+    for k, (scan, pose) in enumerate(zip(scans, odometry, strict=True)):
+        if k in (5, 80):
+            localizer = deepcopy(localizer)  # while it is lost, and later
+        located.append(localizer.process(scan, pose))
     found = [k for k, item in enumerate(located) if item.pose is not None]
     assert found, "never found"
     assert found[0] * 0.25 * 0.7 < 12.0, "metres until it was found"
@@ -275,6 +282,24 @@ def test_buffers_that_are_filled_anew_change_nothing_that_was_kept() -> None:
         other.process(replace(scan, ranges=ranges), pose, covariance)
         pose[:], ranges[:], covariance[:] = 1e3, 1.0, np.nan
     np.testing.assert_array_equal(other.trajectory(), slam.trajectory())
+
+
+@pytest.mark.parametrize("copied", [deepcopy, lambda slam: pickle.loads(pickle.dumps(slam))])
+def test_a_copy_goes_on_by_itself(copied: Callable[[Slam], Slam]) -> None:
+    scans, odometry, _ = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
+    slam, half = Slam(pace=2.0), len(scans) * 3 // 4
+    for scan, pose in zip(scans[:half], odometry[:half], strict=True):
+        slam.process(scan, pose)
+    assert slam.behind
+    other = copied(slam)
+    for scan, pose in zip(scans[half:], odometry[half:], strict=True):
+        other.process(scan, pose)
+    assert len(slam.trajectory()) == half
+    after = other.trajectory()
+    assert len(other.closures) > len(slam.closures)
+    for scan, pose in zip(scans[half:], odometry[half:], strict=True):
+        slam.process(scan, pose)
+    np.testing.assert_allclose(slam.trajectory(), after, atol=0.05)
 
 
 def test_settings_have_limits() -> None:
