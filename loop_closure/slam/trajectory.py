@@ -193,10 +193,10 @@ class Slam:
     @property
     def correction(self) -> FloatArray:
         """The odometry frame in the map frame, now."""
-        odometry = self._visits.last.odometry
+        pose, odometry = self.pose, self._visits.last.odometry
         if self._frame is not None:
             odometry = compose(invert(self._frame), odometry)
-        return compose(self.pose, invert(odometry))
+        return compose(pose, invert(odometry))
 
     def trajectory(self) -> FloatArray:
         """All processed scans: (N, 4) stamp, x, y, yaw, or of clouds (N, 7) stamp, x, y, z, roll, pitch, yaw.
@@ -231,9 +231,19 @@ class Slam:
         self._visits.restore(keyframes)
         self._closer.closures = list(closures)
 
-    def resume(self, correction: FloatArray) -> None:
-        """Go on with the map in a new run, whose odometry frame lies at `correction` in the map."""
-        self._frame = correction
+    def resume(self, correction: npt.ArrayLike) -> None:
+        """Go on with the map in a new run, whose odometry frame lies at `correction`, (3,) or (4, 4), in the map.
+
+        Raises
+        ------
+        InputError : no map to go on with, or a correction that does not go with it.
+        """
+        frame = as_pose("correction", correction)
+        if not self._visits:
+            raise InputError("resume: there is no map to go on with")
+        if planar(frame) != planar(self.pose):
+            raise InputError("correction: (3,) goes with a map of scans, (4, 4) with one of clouds")
+        self._frame = frame
         self._doubt.begin()
         self.keyframes.gap(NEW_RUN)
         self._new_run = True

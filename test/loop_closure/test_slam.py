@@ -309,6 +309,21 @@ def test_settings_have_limits() -> None:
         _ = Slam().pose
 
 
+def test_a_run_is_resumed_at_a_pose_in_the_map() -> None:
+    slam = Slam()
+    with pytest.raises(InputError, match="no scan"):
+        _ = slam.correction
+    with pytest.raises(InputError, match="no map"):
+        slam.resume(np.zeros(3))
+    slam.process(Scan(np.full(90, 3.0), -1.5, 3.0 / 90.0), np.zeros(3))
+    for wrong_one in (np.full(3, np.nan), np.eye(4), [1.0, 2.0]):
+        with pytest.raises(InputError, match="correction"):
+            slam.resume(wrong_one)
+    slam.resume([1.0, 2.0, 0.0])
+    update = slam.process(Scan(np.full(90, 3.0), -1.5, 3.0 / 90.0), np.zeros(3))
+    np.testing.assert_allclose(update.pose, [1.0, 2.0, 0.0], atol=1e-6)
+
+
 def test_scans_without_returns_do_no_harm() -> None:
     slam = Slam()
     for k in range(30):

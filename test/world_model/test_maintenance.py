@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -90,6 +91,22 @@ def test_the_uncertain_object_is_preferred_and_the_near_one_among_equals() -> No
     task = Maintenance(singly).next_task(world(vague, near), np.zeros(3), [CAMERA])
     assert task is not None
     assert task.object_id == "cup-3"
+
+
+@pytest.mark.parametrize("growth", [-1e-3, np.nan, np.eye(4), [[np.inf, 0.0], [0.0, 1.0]]])
+def test_an_object_whose_growth_is_none_is_left_alone(growth: Any) -> None:
+    odd, cup = thing("odd-1", 3.0, 0.0, process_noise=growth), thing("cup-1", 6.0, 0.0)
+    maintenance = Maintenance(EAGER)
+    assert maintenance.next_task(world(odd), np.zeros(3), [CAMERA]) is None
+    assert "growth" in maintenance.idle_reason
+    task = maintenance.next_task(world(odd, cup), np.zeros(3), [CAMERA])
+    assert task is not None
+    assert task.object_id == "cup-1"
+
+
+def test_an_angle_of_view_in_degrees_is_refused() -> None:
+    with pytest.raises(InputError, match="rad"):
+        Maintenance().next_task(world(thing("cup-1", 3.0, 0.0)), np.zeros(3), [CAMERA], field_of_view=60.0)
 
 
 def test_nothing_is_done_below_the_threshold_and_it_says_so() -> None:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite, as_number, as_own, require_kind
+from estimation.checks import FloatArray, as_finite, as_number, as_own, require_kind, require_word
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from world_model.state import OUTCOMES, WorldObject, WorldState
@@ -94,6 +94,7 @@ class Maintenance:
 
     def trigger(self, object_id: str, requester: str = "a task") -> bool:
         """Queue a look at an object, first come first served; False where one is pending or queued already."""
+        require_word("object_id", object_id)
         if self._pending is not None and self._pending.object_id == object_id:
             return False
         if any(waiting.object_id == object_id for waiting in self._queue):
@@ -182,7 +183,7 @@ class Maintenance:
             return "The world model is empty."
         if all(item.lost for item in state.objects):
             return "All objects are lost. Finding them is a task for object_search."
-        return "No object has a position that can be used."
+        return "No object has a position, covariance and growth that can be used."
 
     def _rests(self, item: WorldObject, stamp: float) -> bool:
         """Whether a report keeps an object from being looked at; forgets reports that are over."""
