@@ -74,7 +74,7 @@ class WorldMaintenanceNode(SuiteNode):
         self.listen_to_transforms(on_demand=True)
         self.add_latched_input(GridMessage, "map", self._take_map)
         states = self.add_input(StateMessage, "world_state", self._take_state, packed=True, qos=HEARD_LATCHED)
-        self._latest = LatestState(states.refuse, lambda state: self._growth.observe(state))
+        self._latest = LatestState(states.refuse, self._map_frame, lambda state: self._growth.observe(state))
         self.add_latched_input(Bool, "base_available", self._take_available)
         self._task_output = self.add_output(TaskMessage, "verification_tasks")
         self._goal_output = self.add_output(PoseStamped, "maintenance_goal", LATCHED)
@@ -90,6 +90,7 @@ class WorldMaintenanceNode(SuiteNode):
 
     def start_run(self) -> None:
         self._maintenance = Maintenance(self.settings.maintenance)
+        self._navigator.stop()
         self._latest.forget()
         self._growth = Growth(self._maintenance.config.process_noise)
         self._task: VerificationTask | None = None
@@ -119,7 +120,7 @@ class WorldMaintenanceNode(SuiteNode):
         self._latest.take(message)
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
-        self._grid = grid_from_message(message)
+        self._grid = grid_from_message(message, self._map_frame)
 
     def _take_available(self, message: Bool, stamp: int) -> None:
         self._available = bool(message.data)
