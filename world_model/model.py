@@ -184,8 +184,16 @@ class WorldModel:
             for index, (objects, probability) in enumerate(worlds)
         ]
 
+    @property
+    def world(self) -> WorldState:
+        """The most probable world as it was told last: what nobody has looked for since is as it was then."""
+        return self._state()
+
     def propagate(self, stamp: float) -> WorldState:
-        """The most probable world at `stamp`, without evidence; the model itself stays as it is."""
+        """The most probable world at `stamp`, without evidence; the model itself stays as it is.
+
+        What nobody has looked for is less probably there by then (`removed_per_second`).
+        """
         stamp = as_number("stamp", stamp)
         objects = self._by_now.told(self.anchoring.presentation.predicted(stamp), stamp)
         expected = float(sum(item.existence for item in objects))
