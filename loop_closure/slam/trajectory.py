@@ -14,7 +14,7 @@ from typing import Any, get_args
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_number, as_own, require_positive
+from estimation.checks import FloatArray, as_own, as_stamp, require_positive
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 from loop_closure.graph.edges import Edge
@@ -147,7 +147,7 @@ class Slam:
             raise InputError("proposals: 'places' needs scans; clouds are not classified")
         if self._visits and planar(here) != planar(self._visits.last.odometry):
             raise InputError("scan: scans and clouds cannot be mixed; call reset() first")
-        when = float(len(self._visits)) if stamp is None else as_number("stamp", stamp)
+        when = float(len(self._visits)) if stamp is None else as_stamp("stamp", stamp)
         known = None if covariance is None else _covariance(covariance, 3 if planar(here) else 6)
         if isinstance(scan, Scan):
             when = scan.stamp if stamp is None else when

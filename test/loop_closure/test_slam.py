@@ -253,6 +253,7 @@ def test_bad_input_is_named(scan, odometry) -> None:
         (-np.eye(3), None, "covariance"),
         (None, np.nan, "stamp"),
         (None, "now", "stamp"),
+        (None, 1.7e12, "stamp"),
     ],
 )
 def test_what_odometry_says_of_itself_is_checked(covariance, stamp, named) -> None:

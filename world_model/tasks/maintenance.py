@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite, as_number, as_own, require_kind, require_word
+from estimation.checks import FloatArray, as_finite, as_own, as_stamp, require_kind, require_word
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from world_model.state import OUTCOMES, WorldObject, WorldState
@@ -168,7 +168,7 @@ class Maintenance:
         """
         if outcome not in OUTCOMES:
             raise InputError(f"outcome: one of {', '.join(OUTCOMES)} expected, got {outcome!r}")
-        when = math.nan if stamp is None else as_number("stamp", stamp)
+        when = math.nan if stamp is None else as_stamp("stamp", stamp)
         if self._pending is not None and self._pending.object_id == task.object_id:
             self._pending = None
         if outcome == "found":
