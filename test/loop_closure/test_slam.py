@@ -224,6 +224,8 @@ def test_a_map_that_cannot_be_read_says_so(tmp_path) -> None:
             file.write_bytes(content)
         with pytest.raises(InputError, match=r"map\.npz"):
             read_map(file)
+    with pytest.raises(InputError, match=r"name the \.npz file"):
+        read_map(tmp_path / "map.yaml")
     other = io.BytesIO()
     np.savez(other, something=np.zeros(3))
     (tmp_path / "map.npz").write_bytes(other.getvalue())
