@@ -104,6 +104,20 @@ def test_an_object_whose_growth_is_none_is_left_alone(growth: Any) -> None:
     assert task.object_id == "cup-1"
 
 
+@pytest.mark.parametrize("triggers", [(), ("cup-1",)])
+def test_what_has_moved_meanwhile_is_looked_for_where_it_is(triggers: tuple[str, ...]) -> None:
+    maintenance, here = Maintenance(EAGER), np.zeros(3)
+    first = maintenance.next_task(world(thing("cup-1", -5.0, 0.0)), here, [CAMERA], triggers=triggers)
+    again = maintenance.next_task(world(thing("cup-1", -5.1, 0.0)), here, [CAMERA])
+    assert first is not None
+    assert again is first
+    moved = maintenance.next_task(world(thing("cup-1", 5.0, 5.0)), here, [CAMERA])
+    assert moved is not None
+    assert moved.covers(np.array([5.0, 5.0, 0.7]))
+    assert moved.trigger == first.trigger
+    assert not first.covers(np.array([5.0, 5.0, 0.7]))
+
+
 def test_an_angle_of_view_in_degrees_is_refused() -> None:
     with pytest.raises(InputError, match="rad"):
         Maintenance().next_task(world(thing("cup-1", 3.0, 0.0)), np.zeros(3), [CAMERA], field_of_view=60.0)

@@ -166,6 +166,9 @@ class WorldMaintenanceNode(SuiteNode):
         state = self._latest.state
         if state is None:
             return
+        if self._task is not None and self._has_moved(self._task, state):
+            self._task = None
+            self._navigator.stop()
         if self._task is not None:
             self._look_after(self._task, pose, now)
             return
@@ -193,6 +196,11 @@ class WorldMaintenanceNode(SuiteNode):
         elif now - self._since > self.settings.task_timeout:
             self.complain(f"{task.object_id}: the robot did not reach the goal in time", key="goal")
             self._finish(task, "occluded")
+
+    def _has_moved(self, task: VerificationTask, state: WorldState) -> bool:
+        """Whether the object is known to be elsewhere by now: an empty region would tell nothing of it."""
+        item = state.find(task.object_id)
+        return item is not None and not item.lost and not task.covers(item.position)
 
     def _in_place(self, task: VerificationTask, pose: Array) -> bool:
         """Whether the robot is at the goal, and the object in its field of view."""
