@@ -224,23 +224,6 @@ def test_maintenance_drives_and_looks(graph: Graph, house: DrivenHouse) -> None:
     assert np.hypot(*(house.pose[:2] - np.array([-1.0, 4.0]))) < 2.0
 
 
-def test_maintenance_does_not_go_where_the_object_is_no_longer(
-    graph: Graph, house: DrivenHouse, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    start_maintenance(house, navigate=True, arrival_distance=0.05, use_sim_time=True)
-    cup = run_until(graph, house, lambda: the(house.states, "cup"), "the cup is known")
-    house.parked = True
-    run_until(graph, house, lambda: trigger(graph, cup.id), "maintenance takes the trigger")
-    first = run_until(graph, house, lambda: house.nav2.jobs, "the robot is driven")[0]
-    # Somebody carries it, and says so.
-    detection = house._detection
-    monkeypatch.setattr(house, "_detection", lambda name: detection(name, cup.id if name == "cup" else ""))
-    house.things["cup"] = ("cup", 1.0, -1.0)
-    run_until(graph, house, lambda: len(house.nav2.jobs) > 1, "it is driven elsewhere")
-    assert house.nav2.jobs[-1].place[1] < 0.0 < first.place[1]
-    assert not house.verified
-
-
 def test_maintenance_that_begins_anew_does_not_let_the_robot_drive_on(
     graph: Graph, house: DrivenHouse
 ) -> None:
