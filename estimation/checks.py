@@ -13,6 +13,7 @@ from estimation.errors import InputError
 FloatArray = npt.NDArray[np.float64]
 # Asymmetry this small beside the largest number of a covariance is rounding, that of single precision included.
 ASYMMETRY = 1e-6
+LATEST = 1e10  # s
 
 
 def as_floats(name: str, value: npt.ArrayLike) -> FloatArray:
@@ -97,6 +98,11 @@ def require_within(name: str, value: float, low: float, high: float) -> float:
     if not low <= number <= high:
         raise InputError(f"{name} must be {low:g} to {high:g}, not {value!r}")
     return number
+
+
+def as_stamp(name: str, value: float) -> float:
+    """`value` as seconds; InputError where it is beyond the year 2286, as milliseconds taken for seconds are."""
+    return require_within(name, value, -LATEST, LATEST)
 
 
 def require_positive(name: str, value: float) -> float:

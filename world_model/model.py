@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import as_number, as_vectors, require_word
+from estimation.checks import as_stamp, as_vectors, require_word
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.anchoring.anchoring import Anchoring
@@ -85,7 +85,7 @@ class WorldModel:
 
         Raises InputError, before anything has changed, naming what is wrong with the evidence.
         """
-        stamp = as_number("stamp", stamp)
+        stamp = as_stamp("stamp", stamp)
         measured = checked(evidence, self.config.measurement_sigma)
         if self.household.aliases and any(measured.object_ids):
             named = tuple(None if name is None else self._symbol(name) for name in measured.object_ids)
@@ -184,9 +184,17 @@ class WorldModel:
             for index, (objects, probability) in enumerate(worlds)
         ]
 
+    @property
+    def world(self) -> WorldState:
+        """The most probable world as it was told last: what nobody has looked for since is as it was then."""
+        return self._state()
+
     def propagate(self, stamp: float) -> WorldState:
-        """The most probable world at `stamp`, without evidence; the model itself stays as it is."""
-        stamp = as_number("stamp", stamp)
+        """The most probable world at `stamp`, without evidence; the model itself stays as it is.
+
+        What nobody has looked for is less probably there by then (`removed_per_second`).
+        """
+        stamp = as_stamp("stamp", stamp)
         objects = self._by_now.told(self.anchoring.presentation.predicted(stamp), stamp)
         expected = float(sum(item.existence for item in objects))
         return WorldState(
@@ -218,7 +226,7 @@ class WorldModel:
             raise InputError(f"outcome: one of {', '.join(OUTCOMES)}, got {outcome!r}")
         object_id = self._symbol(object_id)
         track = self._anchors.find(object_id)
-        self.stamp = max(as_number("stamp", stamp), self.stamp)
+        self.stamp = max(as_stamp("stamp", stamp), self.stamp)
         if outcome == "not_found":
             region = _room_of(self._state().find(object_id), self.places, self.config.region[2])
             self.anchoring.objects.lose(track, self.stamp, region)
@@ -233,7 +241,7 @@ class WorldModel:
         start, points = as_vectors("origin", origin, 3), as_vectors("ends", ends, 3)
         if start.ndim != 1 or points.ndim != 2:
             raise InputError(f"origin (3,) and ends (N, 3) expected, not {start.shape} and {points.shape}")
-        self.stamp = max(as_number("stamp", stamp), self.stamp)
+        self.stamp = max(as_stamp("stamp", stamp), self.stamp)
         self._anchors.stamp = self.stamp
         self.anchoring.beliefs.show(self.anchoring.bodies.pass_through(start, points, self.stamp))
         return self._recorded(self._state())
@@ -277,7 +285,7 @@ class WorldModel:
         names : the highest number in use by class, so that no symbol is given twice.
         """
         # A run that nothing has been seen in has no stamp yet.
-        stamp = stamp if stamp == -np.inf else as_number("stamp", stamp)
+        stamp = stamp if stamp == -np.inf else as_stamp("stamp", stamp)
         self.anchoring.reset()
         self.stamp, self.epoch = stamp, epoch
         self._believe(objects, names or {})
@@ -345,7 +353,7 @@ def _worlds_at(model: WorldModel, stamp: float | str | None) -> tuple[list[World
     elif isinstance(stamp, str):
         raise InputError(f'stamp must be seconds, "{LAST_SEEN}" or None, not {stamp!r}')
     else:
-        stamp = as_number("stamp", stamp)
+        stamp = as_stamp("stamp", stamp)
     if stamp == model.stamp:
         return [(state.probability, state.objects) for state in model.hypotheses()], model.stamp
     if stamp > model.stamp:

@@ -34,6 +34,7 @@ OCCUPIED_OVER, FREE_BELOW = 0.6, -0.3  # log-odds; one hit is occupied, one look
 OCCUPIED_SHARE, FREE_SHARE = 0.65, 0.196
 # Width, height and largest grey, with comments between them.
 PGM_HEAD = re.compile(rb"P5" + 3 * rb"(?:\s|#.*\n)+(\d+)" + rb"\s")
+MODES = ("trinary", "scale", "raw")
 SIGNATURE = "whereabouts"  # in a comment of the files written here
 RESOLUTION = 0.05  # metres, edge of a cell
 ROOM = 64  # cells of spare room when the grid grows
@@ -129,6 +130,11 @@ class OccupancyGrid:
         """Which cells (..., 2) the grid has."""
         index = np.asarray(cells)
         return np.asarray(((index >= 0) & (index < np.array(self.shape))).all(axis=-1))
+
+    def window(self, low: npt.ArrayLike, high: npt.ArrayLike) -> tuple[slice, slice]:
+        """Rows and columns of the cells in the box from `low` (2,) to `high` (2,), metres."""
+        first, last = np.maximum(self.cells(low), 0), np.maximum(self.cells(high) + 1, 0)
+        return slice(int(first[0]), int(last[0])), slice(int(first[1]), int(last[1]))
 
     def lookup(self, points: npt.ArrayLike) -> FloatArray:
         """Log-odds (...) at points (..., 2); 0 outside the grid."""
@@ -241,7 +247,7 @@ class OccupancyGrid:
 
     @classmethod
     def load(cls, path: Path | str) -> OccupancyGrid:
-        """Read a map from its YAML file (PGM image, trinary or scale).
+        """Read a map from its YAML file: a PGM image in the modes trinary, scale and raw of nav2's map_server.
 
         Raises InputError: the file or its image is missing or malformed, or the map is turned against its axes.
         """
@@ -252,15 +258,19 @@ class OccupancyGrid:
             about = yaml.safe_load(source.read_text(encoding="utf-8"))
             image = _read_pgm((source.parent / about["image"]).read_bytes())
             resolution, origin = float(about["resolution"]), [float(value) for value in about["origin"]]
-            negate = bool(about.get("negate", 0))
+            negate, mode = bool(about.get("negate", 0)), about.get("mode", "trinary")
             over, below = float(about["occupied_thresh"]), float(about["free_thresh"])
         except (OSError, LookupError, TypeError, ValueError, ArithmeticError, yaml.YAMLError) as error:
             raise InputError(f"{source}: not a map that can be read: {error!r}") from error
         if len(origin) < 2 or (len(origin) > 2 and origin[2] != 0.0):
             raise InputError(f"{source}: an origin [x, y, 0] is expected, got {origin}")
         share = image / 255.0 if negate else 1.0 - image / 255.0
-        values = np.where(share > over, 100, np.where(share < below, 0, -1))[::-1]
-        return cls.from_values(values, resolution, origin[:2])
+        if mode not in MODES or not below < over:
+            raise InputError(
+                f"{source}: a mode of {', '.join(MODES)} and free_thresh below occupied_thresh expected"
+            )
+        values = _values(share, mode, over, below)
+        return cls.from_values(values[::-1], resolution, origin[:2])
 
 
 def placed_scan(
@@ -295,11 +305,22 @@ def is_grid_file(path: Path) -> bool:
     return head.startswith((f"P5\n# {SIGNATURE} ".encode(), f"# {SIGNATURE}\n".encode()))
 
 
+def _values(share: FloatArray, mode: str, over: float, below: float) -> FloatArray:
+    """Occupancy (H, W), 0 to 100, -1 unknown, of how dark pixels are, in [0, 1]: as nav2's map_server reads them."""
+    if mode == "raw":
+        grey = np.rint(share * 255.0)
+        return np.where(grey <= 100.0, grey, -1.0)
+    between = np.rint((share - below) / (over - below) * 100.0) if mode == "scale" else -1.0
+    return np.where(share > over, 100.0, np.where(share < below, 0.0, between))
+
+
 def _read_pgm(data: bytes) -> npt.NDArray[np.float64]:
     """Grey values (H, W) of a binary PGM, top row first. ValueError where it is none."""
     head = PGM_HEAD.match(data)
     if head is None:
         raise ValueError("not a binary PGM (P5)")
     width, height, most = map(int, head.groups())
+    if most > 255:
+        raise ValueError("two bytes for each pixel")
     pixels = np.frombuffer(data, dtype=np.uint8, count=width * height, offset=head.end())
     return pixels.reshape(height, width).astype(np.float64) * (255.0 / most)

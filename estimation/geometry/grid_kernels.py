@@ -10,6 +10,8 @@ from numba import njit
 
 TILE = 64  # cells along an edge of a tile
 MOST_TILES = 1 << 22  # in the box around one scan: 6 km at 5 cm
+# Steps to the cells around one: along the axes first, then across.
+NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
 @njit(cache=True, inline="always")
@@ -181,3 +183,66 @@ def mark_visible(log_odds, seen, start, angles, reach, free, margin):  # type: i
             if log_odds[j, i] >= free and away > 0.0:
                 break
             i, next_i, j, next_j, away = _next(i, step_i, next_i, per_i, j, step_j, next_j, per_j)
+
+
+@njit(cache=True)
+def close_around(open_cells, occupied, clearance):  # type: ignore[no-untyped-def]
+    """Close the open cells (H, W) whose middles are nearer than `clearance` cells to that of one that is occupied."""
+    height, width = open_cells.shape
+    reach = math.ceil(clearance)
+    for j in range(height):
+        for i in range(width):
+            if not occupied[j, i]:
+                continue
+            edge = False  # what lies inside of something is the nearest to no cell outside
+            for n in range(4):
+                v, u = j + NEIGHBOURS[n][0], i + NEIGHBOURS[n][1]
+                edge |= 0 <= v < height and 0 <= u < width and not occupied[v, u]
+            open_cells[j, i] = False
+            if not edge:
+                continue
+            for v in range(max(j - reach, 0), min(j + reach + 1, height)):
+                for u in range(max(i - reach, 0), min(i + reach + 1, width)):
+                    if math.hypot(v - j, u - i) < clearance:
+                        open_cells[v, u] = False
+
+
+@njit(cache=True)
+def way_lengths(open_cells, row, column, resolution):  # type: ignore[no-untyped-def]
+    """Metres (H, W) of the shortest ways over open cells from one of them, inf where there is none, and the steps
+    (H, W) that they end with, as numbers of NEIGHBOURS, -1 at the start. row : -1 where there is no start.
+
+    Dijkstra's algorithm with a queue for each of the two lengths of a step: what enters one of them comes in order.
+    """
+    height, width = open_cells.shape
+    lengths, steps = np.full((height, width), np.inf), np.full((height, width), -1, np.int8)
+    if row < 0:
+        return lengths, steps
+    reached, last = lengths.ravel(), steps.ravel()
+    costs = (resolution, math.hypot(1.0, 1.0) * resolution)
+    queues = np.empty((2, height * width + 1), np.int64)
+    heads, ends = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    lengths[row, column] = 0.0
+    queues[0, 0], ends[0] = row * width + column, 1
+    while True:
+        best, nearest = -1, np.inf
+        for kind in range(2):
+            # What has been reached by a shorter way since, over a step of the other length, stands in the other queue.
+            while heads[kind] < ends[kind] and last[queues[kind, heads[kind]]] // 4 == 1 - kind:
+                heads[kind] += 1
+            if heads[kind] < ends[kind] and reached[queues[kind, heads[kind]]] < nearest:
+                best, nearest = kind, reached[queues[kind, heads[kind]]]
+        if best < 0:
+            return lengths, steps
+        j, i = divmod(queues[best, heads[best]], width)
+        heads[best] += 1
+        for n in range(8):
+            v, u = j + NEIGHBOURS[n][0], i + NEIGHBOURS[n][1]
+            if not (0 <= v < height and 0 <= u < width and open_cells[v, u]):
+                continue
+            kind = n // 4
+            length = nearest + costs[kind]
+            if length < lengths[v, u]:
+                lengths[v, u], steps[v, u] = length, n
+                queues[kind, ends[kind]] = v * width + u
+                ends[kind] += 1

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from estimation.checks import FloatArray, as_own, as_vectors
+from estimation.checks import FloatArray, as_own, as_vectors, require_word
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 from estimation.geometry.polygons import (
@@ -39,6 +39,8 @@ class Place:
     polygon : (N, 2) m, corners in the map frame, counterclockwise. height : from, to in m: of what is in the room,
     or of what is on or in the furniture. type : what rooms or furniture of this sort are called ("kitchen").
     preposition : "on" the table, "in" the cupboard.
+
+    Raises InputError: an outline that bounds no area, heights that do not ascend, names that are no words.
     """
 
     name: str
@@ -49,6 +51,11 @@ class Place:
     preposition: str = "at"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"place: {self.name!r} is no name")
+        for field_name in ("type", "preposition"):
+            require_word(f"place {self.name!r}, {field_name}", getattr(self, field_name))
+        object.__setattr__(self, "height", _pair(f"place {self.name!r}, height", self.height))
         if self.kind not in KINDS:
             raise InputError(
                 f"place {self.name!r}, kind: one of {', '.join(KINDS)} expected, got {self.kind!r}"
@@ -66,21 +73,8 @@ class Place:
             raise InputError(f"place {name!r} has unknown fields: {', '.join(map(str, sorted(unknown)))}")
         if "polygon" not in given:
             raise InputError(f"place {name!r} has no polygon")
-        kind = given.get("kind", "room")
-        for key in ("type", "preposition"):
-            if not isinstance(given.get(key, ""), str):
-                raise InputError(f"place {name!r}, {key}: a word expected, got {given[key]!r}")
-        height = given.get("height", ANY_HEIGHT)
-        low, high = _pair(f"place {name!r}, height", height)
-        usual = "in" if kind == "room" else "at"
-        return cls(
-            name,
-            given["polygon"],
-            kind,
-            given.get("type", ""),
-            (low, high),
-            given.get("preposition") or usual,
-        )
+        usual = "in" if given.get("kind", "room") == "room" else "at"
+        return cls(name, **{**given, "preposition": given.get("preposition") or usual})
 
     @property
     def area(self) -> float:
@@ -134,8 +128,6 @@ class Places:
             raise InputError(f"places: frame must be a name, not {frame!r}")
         named: dict[str, Place] = {}
         for name, entry in given["places"].items():
-            if not isinstance(name, str) or not name:
-                raise InputError(f"places: {name!r} is no name")
             named[name] = Place.checked(name, entry)
         return cls(named, frame.lstrip("/"))
 

@@ -6,7 +6,7 @@ Nodes are keyframes in the order they were taken; every node but the first hangs
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -71,6 +71,16 @@ class SmoothedGraph:
         self._slots: dict[Edge, int] = {}  # of the edges it knows, in the order they were told
         self._forgotten: list[int] = []  # slots it has to forget
         self._keys_made = self._slots_made = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies: gtsam's part cannot be copied, and the process that smooths is not shared."""
+        return self.__dict__ | {"aside": None, "_smoother": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._smoother = Smoother()
+        if len(self._poses):
+            self._begin_again()
 
     @property
     def poses(self) -> FloatArray:
@@ -166,6 +176,9 @@ class SmoothedGraph:
         if without:
             self.edges = [edge for number, edge in enumerate(self.edges) if number not in without]
         self._set(self._settled())
+        self._begin_again()
+
+    def _begin_again(self) -> None:
         try:
             self._restart()
         except RuntimeError:

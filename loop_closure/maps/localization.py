@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -90,6 +91,10 @@ class Localizer:
         self._before: tuple[FloatArray, float] | None = None  # odometry and stamp of the last scan
         if initial is not None:
             self.place(initial)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies: a search that is under way begins anew with the next keyframe."""
+        return self.__dict__ | {"_looking": None}
 
     def place(self, pose: npt.ArrayLike, sigma: float = SAID[0], turn: float = SAID[1]) -> None:
         """The sensor is said to be at `pose` in the map, give or take `sigma` m and `turn` rad.

@@ -69,6 +69,8 @@ def read_map(
     ------
     InputError : the file is missing, is no map, holds what no map can hold, or was written by a newer version.
     """
+    if Path(path).suffix in (".pgm", ".png", ".yaml"):
+        raise InputError(f"{path}: is an image of a map; name the .npz file that was written with it")
     data = read_archive(path)
     try:
         _check_kind(data)

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_number, require_count
+from estimation.checks import FloatArray, as_stamp, require_count
 from estimation.errors import InputError
 from loop_closure.places.comparison import PlaceDatabase, pair_features_many
 from loop_closure.places.context import GAP, PREDECESSORS, UNKNOWN, context_features, usual_odds
@@ -85,7 +85,7 @@ class PlaceRecognizer:
         ------
         InputError : features that do not match those already there, or a stamp that is not finite.
         """
-        stamp = as_number("stamp", stamp)
+        stamp = as_stamp("stamp", stamp)
         self._choose(features)
         if self._in_context:
             asked = self._asked

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_number, as_own, require_positive
+from estimation.checks import FloatArray, as_own, as_stamp, require_positive
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 from loop_closure.graph.edges import Edge
@@ -92,6 +92,11 @@ class Slam:
         self._new_graph, self._aside = graph, aside
         self.reset()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies, which smooth in the process they are in; what is half done cannot be copied."""
+        self._end_job()
+        return self.__dict__ | {"_aside": None}
+
     def reset(self) -> None:
         """Forget everything: the next scan starts a new map."""
         self._begin(Keyframes())
@@ -142,7 +147,7 @@ class Slam:
             raise InputError("proposals: 'places' needs scans; clouds are not classified")
         if self._visits and planar(here) != planar(self._visits.last.odometry):
             raise InputError("scan: scans and clouds cannot be mixed; call reset() first")
-        when = float(len(self._visits)) if stamp is None else as_number("stamp", stamp)
+        when = float(len(self._visits)) if stamp is None else as_stamp("stamp", stamp)
         known = None if covariance is None else _covariance(covariance, 3 if planar(here) else 6)
         if isinstance(scan, Scan):
             when = scan.stamp if stamp is None else when
@@ -188,10 +193,10 @@ class Slam:
     @property
     def correction(self) -> FloatArray:
         """The odometry frame in the map frame, now."""
-        odometry = self._visits.last.odometry
+        pose, odometry = self.pose, self._visits.last.odometry
         if self._frame is not None:
             odometry = compose(invert(self._frame), odometry)
-        return compose(self.pose, invert(odometry))
+        return compose(pose, invert(odometry))
 
     def trajectory(self) -> FloatArray:
         """All processed scans: (N, 4) stamp, x, y, yaw, or of clouds (N, 7) stamp, x, y, z, roll, pitch, yaw.
@@ -226,9 +231,19 @@ class Slam:
         self._visits.restore(keyframes)
         self._closer.closures = list(closures)
 
-    def resume(self, correction: FloatArray) -> None:
-        """Go on with the map in a new run, whose odometry frame lies at `correction` in the map."""
-        self._frame = correction
+    def resume(self, correction: npt.ArrayLike) -> None:
+        """Go on with the map in a new run, whose odometry frame lies at `correction`, (3,) or (4, 4), in the map.
+
+        Raises
+        ------
+        InputError : no map to go on with, or a correction that does not go with it.
+        """
+        frame = as_pose("correction", correction)
+        if not self._visits:
+            raise InputError("resume: there is no map to go on with")
+        if planar(frame) != planar(self.pose):
+            raise InputError("correction: (3,) goes with a map of scans, (4, 4) with one of clouds")
+        self._frame = frame
         self._doubt.begin()
         self.keyframes.gap(NEW_RUN)
         self._new_run = True
@@ -242,8 +257,7 @@ class Slam:
         ------
         InputError : that is no closure in the graph. One that thinning has made part of the path is none any more.
         """
-        while self._job is not None:  # what is begun goes by the edges as they are
-            self._work(Allowance(None), len(self._coming) - 1)
+        self._end_job()  # what is begun goes by the edges as they are
         return self._closer.remove(closure)
 
     # One keyframe.
@@ -298,6 +312,10 @@ class Slam:
                 return
             self._job = None
             self._coming.popleft()
+
+    def _end_job(self) -> None:
+        while self._job is not None:
+            self._work(Allowance(None), len(self._coming) - 1)
 
     def _keyframe(self, k: int) -> Steps[None]:
         """All that one keyframe leads to. Numbers of keyframes stay as they are meanwhile."""

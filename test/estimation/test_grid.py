@@ -87,6 +87,42 @@ def test_files_come_back_and_look_as_map_saver_writes_them(tmp_path) -> None:
     assert set(np.unique(pixels)) == {0, 205, 254}
 
 
+@pytest.mark.parametrize(
+    ("mode", "negate", "expected"),
+    [
+        ("", 0, [[100, -1, 0]]),
+        ("mode: trinary", 1, [[0, -1, 100]]),
+        ("mode: scale", 0, [[100, 50, 0]]),
+        ("mode: raw", 0, [[-1, -1, 1]]),
+        ("mode: raw", 1, [[0, -1, -1]]),
+    ],
+)
+def test_maps_of_other_mappers_are_read_as_map_server_reads_them(
+    tmp_path, mode: str, negate: int, expected: list[list[int]]
+) -> None:
+    (tmp_path / "m.pgm").write_bytes(
+        b"P5\n# CREATOR: somebody 0.100 m/pix\n3 1\n255\n" + bytes([0, 147, 254])
+    )
+    path = tmp_path / "m.yaml"
+    thresholds = f"negate: {negate}\noccupied_thresh: 0.65\nfree_thresh: 0.196\n{mode}\n"
+    path.write_text(f"image: m.pgm\nresolution: 0.1\norigin: [1.0, 2.0, 0.0]\n{thresholds}")
+    share = np.clip(np.array(expected), 1, 99) / 100.0
+    known = np.where(np.array(expected) < 0, 0.0, np.log(share / (1.0 - share)))
+    np.testing.assert_allclose(OccupancyGrid.load(path).log_odds, known, atol=1e-5)
+
+
+@pytest.mark.parametrize("content", [b"P5\n1 1\n65535\n\0\0", b"P2\n1 1\n255\n0\n", b"P5\n2 2\n255\n\0"])
+def test_an_image_that_is_read_otherwise_is_refused(tmp_path, content: bytes) -> None:
+    (tmp_path / "m.pgm").write_bytes(content)
+    about = "image: m.pgm\nresolution: 0.1\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    (tmp_path / "m.yaml").write_text(about)
+    with pytest.raises(InputError, match=r"m\.yaml"):
+        OccupancyGrid.load(tmp_path / "m.yaml")
+    (tmp_path / "m.yaml").write_text(f"{about}mode: other\n")
+    with pytest.raises(InputError, match=r"m\.yaml"):
+        OccupancyGrid.load(tmp_path / "m.yaml")
+
+
 def test_growing_keeps_what_is_known() -> None:
     grid = room(np.random.default_rng(6))
     before = grid.lookup([[0.0, 0.0], [2.95, 0.0]])

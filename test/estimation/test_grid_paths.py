@@ -78,6 +78,29 @@ def test_what_is_walled_in_unknown_or_outside_is_out_of_reach() -> None:
     assert np.isfinite(known.lengths([[0.5, 3.5]])[0])
 
 
+def test_where_nothing_is_occupied_every_cell_can_be_reached_by_a_shortest_way() -> None:
+    grid = OccupancyGrid.from_values(np.zeros((12, 20), dtype=int), 0.1)
+    paths = GridPaths(grid, [1.55, 0.85])
+    assert paths.reachable().all()
+    np.testing.assert_allclose(paths.lengths([[0.05, 0.05]]), 0.8 * math.sqrt(2.0) + 0.7)
+
+
+def test_clearance_is_kept_from_all_that_is_occupied() -> None:
+    rng = np.random.default_rng(4)
+    values = np.where(rng.random((40, 50)) < 0.01, 100, 0)
+    values[20:30, 20:32] = 100
+    grid = OccupancyGrid.from_values(values, 0.1)
+    centres = grid.centres(np.argwhere(values == 0))
+    walls = grid.centres(np.argwhere(values > 0))
+    away = np.hypot(*(centres[:, None] - walls[None]).transpose(2, 0, 1)).min(axis=1)
+    start = centres[np.argmax(away)]
+    open_cells = (away >= 0.25) | (np.hypot(*(centres - start).T) < 0.5)
+    free = np.zeros(values.shape, dtype=bool)
+    free[tuple(grid.cells(centres[open_cells]).T)] = True
+    expected = np.isfinite(searched(free, tuple(grid.cells(start).tolist())))
+    np.testing.assert_array_equal(GridPaths(grid, start, clearance=0.25).reachable(), expected)
+
+
 def test_a_robot_that_stands_too_close_may_leave() -> None:
     values = np.zeros((40, 40), dtype=int)
     values[10, :] = 100

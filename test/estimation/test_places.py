@@ -80,6 +80,21 @@ def test_rooms_of_the_example_fill_up_a_home_without_overlap() -> None:
         assert places.room_of(piece.center) is not None
 
 
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ({"name": ""}, "no name"),
+        ({"name": None}, "no name"),
+        ({"height": (2.0, 1.0)}, "height"),
+        ({"height": (np.nan, 1.0)}, "height"),
+        ({"type": None}, "type"),
+    ],
+)
+def test_a_place_made_by_hand_is_checked_like_one_of_a_file(given: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        Place(**{"name": "a", "polygon": L_SHAPE, **given})
+
+
 def test_words_prefer_likely_furniture_to_the_room_around_it() -> None:
     places = home()
     near = places.probabilities([2.1, 1.6, 0.8], np.diag([0.01, 0.01, 0.001]))

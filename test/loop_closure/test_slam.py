@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import pickle
+from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -221,7 +224,11 @@ def test_a_saved_map_is_the_same_and_the_robot_is_found_in_it(
     assert [(c.earlier, c.later) for c in again.closures] == [(c.earlier, c.later) for c in slam.closures]
     scans, odometry, way = recorded(drive_of([CORNERS[1], CORNERS[2], CORNERS[3]]), 9, 0.0)
     localizer = Localizer(again.keyframes, again.graph.poses)
-    located = [localizer.process(scan, pose) for scan, pose in zip(scans, odometry, strict=True)]
+    located = []
+    for k, (scan, pose) in enumerate(zip(scans, odometry, strict=True)):
+        if k in (5, 80):
+            localizer = deepcopy(localizer)  # while it is lost, and later
+        located.append(localizer.process(scan, pose))
     found = [k for k, item in enumerate(located) if item.pose is not None]
     assert found, "never found"
     assert found[0] * 0.25 * 0.7 < 12.0, "metres until it was found"
@@ -239,6 +246,8 @@ def test_a_map_that_cannot_be_read_says_so(tmp_path) -> None:
             file.write_bytes(content)
         with pytest.raises(InputError, match=r"map\.npz"):
             read_map(file)
+    with pytest.raises(InputError, match=r"name the \.npz file"):
+        read_map(tmp_path / "map.yaml")
     other = io.BytesIO()
     np.savez(other, something=np.zeros(3))
     (tmp_path / "map.npz").write_bytes(other.getvalue())
@@ -268,6 +277,7 @@ def test_bad_input_is_named(scan, odometry) -> None:
         (-np.eye(3), None, "covariance"),
         (None, np.nan, "stamp"),
         (None, "now", "stamp"),
+        (None, 1.7e12, "stamp"),
     ],
 )
 def test_what_odometry_says_of_itself_is_checked(covariance, stamp, named) -> None:
@@ -299,11 +309,44 @@ def test_buffers_that_are_filled_anew_change_nothing_that_was_kept() -> None:
     np.testing.assert_array_equal(other.trajectory(), slam.trajectory())
 
 
+@pytest.mark.parametrize("copied", [deepcopy, lambda slam: pickle.loads(pickle.dumps(slam))])
+def test_a_copy_goes_on_by_itself(copied: Callable[[Slam], Slam]) -> None:
+    scans, odometry, _ = recorded(drive_of([*CORNERS, *CORNERS[:3]]), 1, 0.004)
+    slam, half = Slam(pace=2.0), len(scans) * 3 // 4
+    for scan, pose in zip(scans[:half], odometry[:half], strict=True):
+        slam.process(scan, pose)
+    assert slam.behind
+    other = copied(slam)
+    for scan, pose in zip(scans[half:], odometry[half:], strict=True):
+        other.process(scan, pose)
+    assert len(slam.trajectory()) == half
+    after = other.trajectory()
+    assert len(other.closures) > len(slam.closures)
+    for scan, pose in zip(scans[half:], odometry[half:], strict=True):
+        slam.process(scan, pose)
+    np.testing.assert_allclose(slam.trajectory(), after, atol=0.05)
+
+
 def test_settings_have_limits() -> None:
     with pytest.raises(InputError, match="key_distance"):
         SlamConfig(key_distance=-1.0)
     with pytest.raises(InputError, match="no scan"):
         _ = Slam().pose
+
+
+def test_a_run_is_resumed_at_a_pose_in_the_map() -> None:
+    slam = Slam()
+    with pytest.raises(InputError, match="no scan"):
+        _ = slam.correction
+    with pytest.raises(InputError, match="no map"):
+        slam.resume(np.zeros(3))
+    slam.process(Scan(np.full(90, 3.0), -1.5, 3.0 / 90.0), np.zeros(3))
+    for wrong_one in (np.full(3, np.nan), np.eye(4), [1.0, 2.0]):
+        with pytest.raises(InputError, match="correction"):
+            slam.resume(wrong_one)
+    slam.resume([1.0, 2.0, 0.0])
+    update = slam.process(Scan(np.full(90, 3.0), -1.5, 3.0 / 90.0), np.zeros(3))
+    np.testing.assert_allclose(update.pose, [1.0, 2.0, 0.0], atol=1e-6)
 
 
 def test_scans_without_returns_do_no_harm() -> None:

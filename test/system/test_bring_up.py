@@ -68,14 +68,15 @@ def test_one_that_compiles_is_waited_for_and_named(monkeypatch: pytest.MonkeyPat
     assert sentence.startswith("waiting for slow: the first start after an installation compiles")
 
 
-def test_a_node_that_cannot_be_configured_is_named(graph: Graph) -> None:
+@pytest.mark.parametrize("name", ["world_model", "object_search"])
+def test_a_node_that_cannot_be_configured_is_named(graph: Graph, name: str) -> None:
     home = str(files("world_model").joinpath("defaults/home.yaml"))
-    graph.start("world_model", wait=False, autostart=False, places_file=home, map_frame="elsewhere")
-    command = [sys.executable, "-m", "whereabouts.nodes.runtime.bring_up", "world_model"]
+    graph.start(name, wait=False, autostart=False, places_file=home, map_frame="elsewhere")
+    command = [sys.executable, "-m", "whereabouts.nodes.runtime.bring_up", name]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     graph.until(lambda: process.poll() is not None, "bring_up ends")
     assert process.returncode == 1
-    assert "/world_model could not be configured" in process.communicate()[0]
+    assert f"/{name} could not be configured" in process.communicate()[0]
 
 
 def test_run_with_a_file_brings_up_what_it_names(graph: Graph, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.recorded.evidence_messages import NOT_FOUND
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import ObjectEvidence, WorldEvidence
+from whereabouts_msgs.srv import Reset
 
 NavigateToPose = pytest.importorskip("nav2_msgs.action").NavigateToPose
 NO_PATH = 208  # an error of nav2's planner
@@ -221,6 +222,19 @@ def test_maintenance_drives_and_looks(graph: Graph, house: DrivenHouse) -> None:
     run_until(graph, house, lambda: bed.id in house.verified, "the robot has gone to look")
     assert house.nav2.jobs
     assert np.hypot(*(house.pose[:2] - np.array([-1.0, 4.0]))) < 2.0
+
+
+def test_maintenance_that_begins_anew_does_not_let_the_robot_drive_on(
+    graph: Graph, house: DrivenHouse
+) -> None:
+    start_maintenance(house, use_sim_time=False, navigate=True)
+    bed = run_until(graph, house, lambda: the(house.states, "bed"), "the bed is known")
+    house.parked = True
+    run_until(graph, house, lambda: trigger(graph, bed.id), "maintenance takes the trigger")
+    run_until(graph, house, lambda: house.nav2.goal is not None, "the robot is driven")
+    graph.call(Reset, "world_maintenance/reset", Reset.Request(reason="a test"))
+    run_until(graph, house, lambda: house.nav2.goal is None, "the robot is not driven on")
+    assert house.nav2.jobs[-1].outcome == "cancelled"
 
 
 def lose(house: DrivenHouse, object_id: str) -> None:

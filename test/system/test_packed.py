@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from nav_msgs.msg import OccupancyGrid
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 
+from estimation.errors import InputError
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import nanoseconds, time_message
-from whereabouts.nodes.messages.world_reading import LatestState
+from whereabouts.nodes.messages.world_reading import LatestState, grid_from_message
 from whereabouts_msgs.msg import WorldObject, WorldState
 
 
@@ -40,7 +42,7 @@ def test_the_other_order_of_bytes_is_read_too() -> None:
 def test_only_what_is_looked_at_is_read_and_nonsense_keeps_what_was_known() -> None:
     refused: list[str] = []
     read: list[float] = []
-    latest = LatestState(refused.append, lambda state: read.append(state.stamp))
+    latest = LatestState(refused.append, "map", lambda state: read.append(state.stamp))
     assert latest.state is None
     for second in (1, 2, 3):
         latest.take(packed(state(second * 10**9)))
@@ -54,5 +56,20 @@ def test_only_what_is_looked_at_is_read_and_nonsense_keeps_what_was_known() -> N
     assert "cup-1" in refused[0]
     assert latest.state is known
     assert len(refused) == 1
+    elsewhere = state(5 * 10**9)
+    elsewhere.header.frame_id = "odom"
+    latest.take(packed(elsewhere))
+    assert latest.state is known
+    assert "odom" in refused[1]
     latest.forget()
     assert latest.state is None
+
+
+def test_a_map_of_another_frame_is_none() -> None:
+    message = OccupancyGrid()
+    message.info.resolution, message.info.origin.orientation.w = 0.1, 1.0
+    message.header.frame_id = "/map"
+    assert grid_from_message(message, "map").shape == (0, 0)
+    message.header.frame_id = "odom"
+    with pytest.raises(InputError, match="odom"):
+        grid_from_message(message, "map")

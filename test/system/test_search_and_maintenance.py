@@ -31,7 +31,7 @@ from whereabouts_msgs.msg import (
     WorldState,
 )
 from whereabouts_msgs.msg import VerificationTask as TaskMessage
-from whereabouts_msgs.srv import TriggerVerification
+from whereabouts_msgs.srv import RelabelObject, Reset, TriggerVerification
 
 # How far each kind of thing is recognised from.
 REACH = {"cup": 1.6, "coffee table": 5.5, "bed": 6.0}
@@ -308,6 +308,25 @@ def test_maintenance_goes_on_when_the_verifier_does_not_answer(
     run_until(graph, house, lambda: outcomes() == ("1", "1"), "the cup is found")
 
 
+def test_a_robot_that_looks_ahead_turns_before_it_looks(
+    started: tuple[Graph, House, list[WorldState], list[TaskMessage]],
+) -> None:
+    graph, house, states, _ = started
+    start_maintenance(house, use_sim_time=False, opening=1.0)
+    goals = graph.collect(PoseStamped, "maintenance_goal", LATCHED)
+    house.pose = np.array([1.0, 0.2, -1.0])  # near enough to the cup, which is to the left
+    cup = run_until(graph, house, lambda: the(states, "cup"), "the cup is known")
+    run_until(graph, house, lambda: trigger(graph, cup.id), "maintenance takes the trigger")
+    run_until(graph, house, lambda: goals, "the robot is told to turn")
+    heading = 2.0 * math.atan2(goals[0].pose.orientation.z, goals[0].pose.orientation.w)
+    assert heading == pytest.approx(0.5 * math.pi, abs=0.3)
+    count = len(states)
+    run_until(graph, house, lambda: len(states) >= count + 20, "it has time to")
+    assert not house.verified
+    house.pose[2] = heading
+    run_until(graph, house, lambda: house.verified == [cup.id], "the cup is looked at")
+
+
 def test_while_another_moves_the_base_only_what_is_in_view_is_looked_at(
     started: tuple[Graph, House, list[WorldState], list[TaskMessage]],
 ) -> None:
@@ -352,10 +371,18 @@ def test_a_search_can_be_cancelled_and_senseless_goals_are_refused(
         found = ended(goal)
         assert found.code == FindObject.Result.FOUND, found.message
         assert found.object[0].id == bed.id
-    # The one that is known is not pink: another is looked for, half a metre far.
-    pink = ended(FindObject.Goal(class_name="bed", predicates=["pink"], max_distance=0.5))
-    assert pink.code == FindObject.Result.GAVE_UP
-    assert "Gave up" in pink.message
+    # The one that is known is not pink: another is looked for, half a metre far. What it is called says nothing.
+    renamed = RelabelObject.Request(object_id=bed.id, new_object_id="mine-1")
+    assert graph.call(RelabelObject, "world_model/relabel", renamed).code == RelabelObject.Response.SUCCESS
+    run_until(graph, house, lambda: the(states, "bed").id == "mine-1", "its name is known")
+    count = len(states)
+    run_until(graph, house, lambda: len(states) >= count + 20, "the news has spread")
+    for goal in (FindObject.Goal(class_name="bed"), FindObject.Goal(object_id="mine-1")):
+        goal.predicates, goal.max_distance = ["pink"], 0.5
+        pink = ended(goal)
+        assert pink.code == FindObject.Result.GAVE_UP
+        assert "Gave up" in pink.message
+        assert "mine" not in pink.message
     sent = client.send_goal_async(FindObject.Goal(class_name="unicorn"))
     run_until(graph, house, sent.done, "the goal is answered")
     goals = graph.collect(PoseStamped, "search_goal", LATCHED)
@@ -366,4 +393,33 @@ def test_a_search_can_be_cancelled_and_senseless_goals_are_refused(
     run_until(graph, house, answer.done, "the search ends")
     assert answer.result().result.code == FindObject.Result.CANCELED
     assert nanoseconds(goals[-1].header.stamp) > 0
+    client.destroy()
+
+
+def test_a_search_says_what_it_waits_for_and_ends_with_the_run(graph: Graph) -> None:
+    graph.start("object_search", rate=10.0)
+    diagnostics = graph.collect(DiagnosticArray, "/diagnostics")
+    bases = graph.collect(Bool, "base_available", LATCHED)
+    client = ActionClient(graph.node, FindObject, "find_object")
+    graph.until(client.server_is_ready, "find_object is served")
+    sent = client.send_goal_async(FindObject.Goal(object_id="cup-7"))
+    graph.until(sent.done, "the goal is answered")
+
+    def says(words: str) -> bool:
+        return any(words in message.status[0].message for message in diagnostics[-20:])
+
+    graph.until(lambda: says("no transform"), "it waits for tf")
+
+    def waits() -> bool:
+        where = transform_message("map", "base_link", START, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+        graph.publish("/tf", TFMessage(transforms=[where]))
+        return says("no world_state has arrived")
+
+    graph.until(waits, "it waits for a world")
+    graph.call(Reset, "object_search/reset", Reset.Request(reason="a test"))
+    done = sent.result().get_result_async()
+    graph.until(done.done, "the search ends")
+    assert done.result().result.code == FindObject.Result.CANCELED
+    assert done.result().result.message == "a new run began"
+    graph.until(lambda: [message.data for message in bases] == [False, True], "the base is free again")
     client.destroy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from estimation.geometry.grid import OccupancyGrid
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
 from world_model.tasks.maintenance import Maintenance, MaintenanceConfig, Trigger
-from world_model.tasks.maintenance_kernels import path_gain, shortest_way, single_gains
+from world_model.tasks.maintenance_kernels import looks_along, path_gain, shortest_way, single_gains
 from world_model.tasks.maintenance_warm_up import warm_up
 
 CAMERA = Sensor("camera", 0.4, 2.0, 0.01 * np.eye(3))
@@ -92,6 +93,36 @@ def test_the_uncertain_object_is_preferred_and_the_near_one_among_equals() -> No
     assert task.object_id == "cup-3"
 
 
+@pytest.mark.parametrize("growth", [-1e-3, np.nan, np.eye(4), [[np.inf, 0.0], [0.0, 1.0]]])
+def test_an_object_whose_growth_is_none_is_left_alone(growth: Any) -> None:
+    odd, cup = thing("odd-1", 3.0, 0.0, process_noise=growth), thing("cup-1", 6.0, 0.0)
+    maintenance = Maintenance(EAGER)
+    assert maintenance.next_task(world(odd), np.zeros(3), [CAMERA]) is None
+    assert "growth" in maintenance.idle_reason
+    task = maintenance.next_task(world(odd, cup), np.zeros(3), [CAMERA])
+    assert task is not None
+    assert task.object_id == "cup-1"
+
+
+@pytest.mark.parametrize("triggers", [(), ("cup-1",)])
+def test_what_has_moved_meanwhile_is_looked_for_where_it_is(triggers: tuple[str, ...]) -> None:
+    maintenance, here = Maintenance(EAGER), np.zeros(3)
+    first = maintenance.next_task(world(thing("cup-1", -5.0, 0.0)), here, [CAMERA], triggers=triggers)
+    again = maintenance.next_task(world(thing("cup-1", -5.1, 0.0)), here, [CAMERA])
+    assert first is not None
+    assert again is first
+    moved = maintenance.next_task(world(thing("cup-1", 5.0, 5.0)), here, [CAMERA])
+    assert moved is not None
+    assert moved.covers(np.array([5.0, 5.0, 0.7]))
+    assert moved.trigger == first.trigger
+    assert not first.covers(np.array([5.0, 5.0, 0.7]))
+
+
+def test_an_angle_of_view_in_degrees_is_refused() -> None:
+    with pytest.raises(InputError, match="rad"):
+        Maintenance().next_task(world(thing("cup-1", 3.0, 0.0)), np.zeros(3), [CAMERA], field_of_view=60.0)
+
+
 def test_nothing_is_done_below_the_threshold_and_it_says_so() -> None:
     maintenance = Maintenance(MaintenanceConfig(information_gain_threshold=50.0))
     assert maintenance.next_task(world(thing("cup-1", 5.0, 0.0)), np.zeros(3), [CAMERA]) is None
@@ -100,7 +131,7 @@ def test_nothing_is_done_below_the_threshold_and_it_says_so() -> None:
 
 def test_after_warming_up_nothing_is_compiled() -> None:
     def compiled() -> list[int]:
-        return [len(kernel.signatures) for kernel in (path_gain, single_gains, shortest_way)]
+        return [len(kernel.signatures) for kernel in (path_gain, single_gains, shortest_way, looks_along)]
 
     warm_up()
     before = compiled()

@@ -14,7 +14,15 @@ import pytest
 
 from estimation.errors import InputError
 from estimation.geometry.places import Places
-from world_model import WorldModel, WorldObject, WorldState, ask
+from world_model import (
+    ObjectEvidence,
+    WorldEvidence,
+    WorldModel,
+    WorldModelConfig,
+    WorldObject,
+    WorldState,
+    ask,
+)
 from world_model.memory.store import Store, StoreError
 from world_model.memory.store_file import StoreVersionError
 from world_model.questions import (
@@ -409,6 +417,22 @@ def test_the_path_of_a_store_and_a_model_are_asked_alike(tmp_path: Path) -> None
         ask(tmp_path / "none.sqlite", "where is the cup?")
     with pytest.raises(InputError, match="is asked"):
         ask(3, "where is the cup?")
+
+
+def test_time_alone_makes_nothing_missing_whoever_is_asked(tmp_path: Path) -> None:
+    model = WorldModel(WorldModelConfig(removed_per_second=1e-3), store=tmp_path / "w.sqlite")
+    cup = ObjectEvidence((1.0, 0.2, 0.8), 1e-4 * np.eye(3), {"class": {"cup": 1.0}})
+    for second in range(5):
+        model.update(
+            WorldEvidence([cup], {"pose": (0, 0, 1.2, 0), "range": 4.0, "angle": 1.2}), float(second)
+        )
+    state = model.update(WorldEvidence([], {"pose": (50, 50, 1.2, 0), "range": 1.0, "angle": 0.2}), 3600.0)
+    assert state.objects[0].existence > 0.9
+    assert [item.existence for item in model.world.objects] == [state.objects[0].existence]
+    assert model.store is not None
+    for source in (model, model.store):
+        assert ask(source, "what is missing?").value == []
+    model.close()
 
 
 def test_a_store_of_another_version_is_left_alone_and_said(tmp_path: Path) -> None:

@@ -46,6 +46,29 @@ def test_the_example_of_the_text_finds_the_target_over_an_intermediate_object(me
     np.testing.assert_allclose(np.asarray(step.goal), [9.5, 5.0])
 
 
+def test_a_robot_that_comes_in_from_outside_searches_the_rooms_and_no_more() -> None:
+    rooms = {"flat": {"polygon": [[0, 0], [6, 0], [6, 6], [0, 6]]}}
+    search, pose, goals = ObjectSearch(example(), places=Places.from_mapping({"places": rooms})), [30, 20], []
+    for _ in range(40):
+        step = search.next_goal({}, "t", pose)
+        if step.goal is None:
+            break
+        goals.append(step.goal)
+        pose = step.goal
+        search.reached()
+    assert step.kind == "none"
+    assert np.min(goals) >= 0.0
+    assert np.max(goals) <= 6.0
+
+
+def test_what_cannot_be_a_probability_or_places_is_refused() -> None:
+    for expected in ({"flat": 9.0}, {"flat": np.nan}, None):
+        with pytest.raises(InputError, match=r"probability|places"):
+            ObjectSearch(example()).expect(expected)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="places must be a Places"):
+        ObjectSearch(example(), places={"flat": [[0, 0], [6, 0], [6, 6]]})  # type: ignore[arg-type]
+
+
 def test_dead_ends_are_not_tried_again_and_a_new_target_starts_afresh() -> None:
     search = ObjectSearch(example())
     view = {"a": [2.0, 0.0], "d": [0.0, 3.0]}

@@ -71,6 +71,40 @@ def test_a_cloud_tells_the_same_three_cases_apart() -> None:
     assert look_with_cloud(REGION, screen, SENSOR, 12.0).visible < 0.2
 
 
+def test_a_camera_says_nothing_of_what_it_does_not_look_at() -> None:
+    rng = np.random.default_rng(2)
+    wall = np.column_stack([np.full(4000, 5.0), rng.uniform(-2, 3, 4000), rng.uniform(-1.0, 2.0, 4000)])
+    pixels = np.vstack([wall, np.full((5, 3), np.nan), np.tile(SENSOR[:3, 3], (5, 1))])
+
+    def visible(x: float, y: float, z: float, cloud: np.ndarray = pixels) -> float:
+        return look_with_cloud(RegionBox([x, y, z], [0.4, 0.4, 0.4]), cloud, SENSOR, 12.0).visible
+
+    assert visible(2.0, 0.5, 0.3) == 1.0
+    for aside in ((-1.0, 0.5, 0.3), (1.0, 2.0, 0.3), (2.0, 2.0, 0.3), (2.0, 0.5, 3.0)):
+        assert visible(*aside) == 0.0
+    # A window in the wall: nothing comes back, and nothing stands in the way.
+    assert visible(2.0, 0.5, 0.3, pixels[~(np.abs(pixels[:, 1] - 0.5) < 1.0)]) == 1.0
+    assert visible(2.0, 0.5, 0.3, pixels[4000:]) == 0.0
+
+
+def test_a_scanner_that_turns_sees_all_around_between_its_rings() -> None:
+    turn = np.arange(0.0, 2.0 * np.pi, 0.01)
+    rings = [
+        np.column_stack([5.0 * np.cos(turn), 5.0 * np.sin(turn), np.full_like(turn, z)]) for z in (-1.0, 2.0)
+    ]
+    cloud = np.vstack(rings) + SENSOR[:3, 3]
+
+    def visible(x: float, y: float, z: float, cloud: np.ndarray = cloud) -> float:
+        return look_with_cloud(
+            RegionBox(SENSOR[:3, 3] + [x, y, z], [0.4, 0.4, 0.4]), cloud, SENSOR, 12.0
+        ).visible
+
+    assert visible(-2.0, 0.5, 0.0) == 1.0
+    assert visible(-2.0, 0.5, 3.0) == 0.0
+    behind = np.abs(np.arctan2(*(cloud - SENSOR[:3, 3]).T[1::-1])) > 2.0
+    assert visible(-2.0, 0.5, 0.0, cloud[~behind]) == 0.0
+
+
 def test_several_frames_have_to_agree_and_hidden_ones_say_nothing() -> None:
     ranges, first, step = scanned(box(0.3, 0.3, (3.0, 1.5, 0.2)))
     full = look_with_scan(REGION, ranges, first, step, 12.0, SENSOR)

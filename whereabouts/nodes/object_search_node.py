@@ -23,7 +23,7 @@ from estimation.errors import InputError
 from whereabouts.nodes.messages.markers import colour, marker, point
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS, seconds, time_message
-from whereabouts.nodes.messages.transforms import frame_name
+from whereabouts.nodes.messages.transforms import check_frame, frame_name
 from whereabouts.nodes.messages.world_messages import object_message
 from whereabouts.nodes.messages.world_reading import LatestState, grid_from_message, planar_pose, pose_stamped
 from whereabouts.nodes.navigation.base_claim import BaseClaim
@@ -78,12 +78,15 @@ class ObjectSearchNode(SuiteNode):
         settings = self.settings
         self._map_frame, self._base = frame_name(settings.map_frame), frame_name(settings.base_frame)
         self._relations = settings.relations
-        self._search = ObjectSearch(self._relations, settings.search, settings.places)
+        places = settings.places
+        if places is not None:
+            check_frame("places_file", places.frame, self._map_frame)
+        self._search = ObjectSearch(self._relations, settings.search, places)
         self._serial = 0
         self.listen_to_transforms(on_demand=True)
         self.add_latched_input(GridMessage, "map", self._take_map)
         states = self.add_input(StateMessage, "world_state", self._take_state, packed=True, qos=HEARD_LATCHED)
-        self._latest = LatestState(states.refuse)
+        self._latest = LatestState(states.refuse, self._map_frame)
         self._goal_output = self.add_output(PoseStamped, "search_goal", LATCHED)
         self._base_claim = BaseClaim(self)
         self._markers_output = self.add_output(MarkerArray, "search_markers")
@@ -121,13 +124,13 @@ class ObjectSearchNode(SuiteNode):
                 self._together.learn(state, self.settings.together_distance)
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
-        self._search.grid = grid_from_message(message)
+        self._search.grid = grid_from_message(message, self._map_frame)
 
     # The action.
 
     async def _find(self, handle: Any) -> Any:
         request = handle.request
-        wanted = request.class_name or request.object_id.rpartition("-")[0] or request.object_id
+        wanted = request.class_name or self._class_of(request.object_id)
         result = FindObject.Result()
         if not wanted:
             raise InputError("class_name and object_id are both empty: name what to look for")
@@ -155,6 +158,13 @@ class ObjectSearchNode(SuiteNode):
         self._failed += result.code in (result.NOT_FOUND, result.GAVE_UP)
         return result
 
+    def _class_of(self, object_id: str) -> str:
+        """What an object is; of one that nobody knows, what its id says."""
+        state = self._latest.state
+        known = None if state is None else state.find(object_id)
+        said = object_id.rpartition("-")[0] or object_id
+        return said if known is None else known.most_probable("class") or said
+
     def _goes_first(self) -> str:
         """Who has the base, where that is more urgent than a search for what is lost; else ""."""
         if self._searching and self._for_person:
@@ -164,12 +174,13 @@ class ObjectSearchNode(SuiteNode):
     async def _drive(self, handle: Any, request: Any, wanted: str, serial: int, result: Any) -> None:
         """Goals until the object is believed in, nothing is left to try, or somebody has had enough."""
         limit = seconds(request.timeout)
-        begun = self.now
+        begun, epoch = self.now, self.epoch
         place: Array | None = None
         said: tuple[Any, ...] = ()
         step: SearchStep | None = None
         while True:
             first = "" if self._for_person else self._goes_first()
+            first = first if epoch == self.epoch else "a new run began"
             if handle.is_cancel_requested or serial != self._serial or first:
                 cancelled = handle.is_cancel_requested
                 handle.canceled() if cancelled else handle.abort()
@@ -203,8 +214,10 @@ class ObjectSearchNode(SuiteNode):
                     f"Gave up after {result.distance:.1f} m and {elapsed:.0f} s. Last reason: {self._reason}"
                 )
                 return
-            if pose is None:
-                self._reason = f"no transform from '{self._base}' to '{self._map_frame}'"
+            if pose is None or state is None:
+                self._reason = "no world_state has arrived"
+                if pose is None:
+                    self._reason = f"no transform from '{self._base}' to '{self._map_frame}'"
                 self.complain(self._reason, key="pose")
             await self.pause(1.0 / self.settings.rate)
 

@@ -79,7 +79,7 @@ class VerifierNode(SuiteNode):
         self._count += 1
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
-        self._grid = grid_from_message(message)
+        self._grid = grid_from_message(message, self._map_frame)
 
     async def _serve(self, handle: Any) -> Any:
         request, result = handle.request, VerifyObject.Result()
@@ -88,12 +88,13 @@ class VerifierNode(SuiteNode):
             box, settings.frames, settings.points, CLEAR, self._grid, WIDEST, _appearance(request)
         )
         limit = seconds(request.timeout) or TIMEOUT
-        begun, taken = self.now, self._latest
+        begun, taken, epoch = self.now, self._latest, self.epoch
         outcome: str | None = None
         while outcome is None:
-            if handle.is_cancel_requested:
-                handle.canceled()
-                result.code, result.message = result.CANCELED, "cancelled"
+            if handle.is_cancel_requested or epoch != self.epoch:
+                cancelled = handle.is_cancel_requested
+                handle.canceled() if cancelled else handle.abort()
+                result.code, result.message = result.CANCELED, "cancelled" if cancelled else "a new run began"
                 return result
             if self._latest is not None and self._latest is not taken:
                 taken = self._latest

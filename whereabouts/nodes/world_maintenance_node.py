@@ -8,6 +8,7 @@ verifier measured). Service: `~/trigger`. Calls: action `verify_object`; if told
 
 from __future__ import annotations
 
+import math
 import time
 from functools import partial
 from typing import Any
@@ -21,6 +22,7 @@ from std_msgs.msg import Bool, Header
 
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.rotations import wrap_scalar
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS, duration_message, time_message
 from whereabouts.nodes.messages.transforms import frame_name
@@ -54,6 +56,7 @@ Array = NDArray[np.float64]
 # Sizes that are added to the 95 % region of a position, as objects are no points.
 BODY = np.array([0.3, 0.3, 0.3])
 LOOKS_BEFORE_LOST = 2  # observations in vain, each from nearer, after which an object is lost
+TURNED = 0.3  # rad by which a robot may miss a heading, about as nav2 allows, however narrow its view is
 ANSWER_MARGIN = 5.0  # s that the verifier's answer may take beyond the time it has to decide
 
 
@@ -74,7 +77,7 @@ class WorldMaintenanceNode(SuiteNode):
         self.listen_to_transforms(on_demand=True)
         self.add_latched_input(GridMessage, "map", self._take_map)
         states = self.add_input(StateMessage, "world_state", self._take_state, packed=True, qos=HEARD_LATCHED)
-        self._latest = LatestState(states.refuse, lambda state: self._growth.observe(state))
+        self._latest = LatestState(states.refuse, self._map_frame, lambda state: self._growth.observe(state))
         self.add_latched_input(Bool, "base_available", self._take_available)
         self._task_output = self.add_output(TaskMessage, "verification_tasks")
         self._goal_output = self.add_output(PoseStamped, "maintenance_goal", LATCHED)
@@ -90,10 +93,12 @@ class WorldMaintenanceNode(SuiteNode):
 
     def start_run(self) -> None:
         self._maintenance = Maintenance(self.settings.maintenance)
+        self._navigator.stop()
         self._latest.forget()
         self._growth = Growth(self._maintenance.config.process_noise)
         self._task: VerificationTask | None = None
         self._since = 0.0
+        self._moves = False  # whether the task takes the base
         self._verifying, self._asked = False, (0.0, 0.0)
         self._outcomes = dict.fromkeys(("found", "occluded", "not_found"), 0)
         self._vain: dict[str, int] = {}
@@ -119,16 +124,11 @@ class WorldMaintenanceNode(SuiteNode):
         self._latest.take(message)
 
     def _take_map(self, message: GridMessage, stamp: int) -> None:
-        self._grid = grid_from_message(message)
+        self._grid = grid_from_message(message, self._map_frame)
 
     def _take_available(self, message: Bool, stamp: int) -> None:
         self._available = bool(message.data)
-        if (
-            not self._available
-            and self._task is not None
-            and self._task.distance > 0.0
-            and not self._verifying
-        ):
+        if not self._available and self._task is not None and self._moves and not self._verifying:
             self._finish(self._task, "occluded")
 
     def _trigger(self, request: TriggerVerification.Request, response: TriggerVerification.Response) -> str:
@@ -136,21 +136,22 @@ class WorldMaintenanceNode(SuiteNode):
         state = self._latest.state
         known = () if state is None else state.objects
         if not name:
-            of_class = [item for item in known if item.most_probable("class") == request.class_name]
-            if not of_class:
+            if not request.class_name:
+                raise InputError("object_id and class_name are both empty: name what to look at")
+            meant = [item for item in known if item.most_probable("class") == request.class_name]
+            if not meant:
                 raise InputError(f"no object of class '{request.class_name}' is known")
-            able = [item for item in of_class if not item.lost]
-            if not able:
-                missed = max(of_class, key=lambda item: item.existence)
-                raise InputError(f"{named(missed)} is lost: it was not at its place. Use find_object")
-            name = max(able, key=lambda item: item.existence).id
-        elif all(item.id != name for item in known):
-            raise InputError(f"object '{name}' is unknown")
-        self._want(name)
-        response.merged = not self._maintenance.trigger(name, request.requester or "a task")
-        response.object_id = name
-        words = next(named(item) for item in known if item.id == name)
-        return f"{words} is next to be observed"
+        else:
+            meant = [item for item in known if item.id == name]
+            if not meant:
+                raise InputError(f"object '{name}' is unknown")
+        best = max(meant, key=lambda item: (not item.lost, item.existence))
+        if best.lost:
+            raise InputError(f"{named(best)} is lost: it was not at its place. Use find_object")
+        self._want(best.id)
+        response.merged = not self._maintenance.trigger(best.id, request.requester or "a task")
+        response.object_id = best.id
+        return f"{named(best)} is next to be observed"
 
     # Decisions.
 
@@ -165,6 +166,9 @@ class WorldMaintenanceNode(SuiteNode):
         state = self._latest.state
         if state is None:
             return
+        if self._task is not None and self._has_moved(self._task, state):
+            self._task = None
+            self._navigator.stop()
         if self._task is not None:
             self._look_after(self._task, pose, now)
             return
@@ -179,6 +183,7 @@ class WorldMaintenanceNode(SuiteNode):
         if task is None:
             return
         self._task, self._since = task, now
+        self._moves = task.distance > 0.0 or not self._in_place(task, pose)
         self._tasks += 1
         self._want(task.object_id)
         self._publish(task)
@@ -186,11 +191,25 @@ class WorldMaintenanceNode(SuiteNode):
 
     def _look_after(self, task: VerificationTask, pose: Array, now: float) -> None:
         """Verify once the robot is where it should look from; give up on what is never reached."""
-        if np.hypot(*(task.goal[:2] - pose[:2])) <= self.settings.arrival_distance:
+        if self._in_place(task, pose):
             self._verify(task)
         elif now - self._since > self.settings.task_timeout:
             self.complain(f"{task.object_id}: the robot did not reach the goal in time", key="goal")
             self._finish(task, "occluded")
+
+    def _has_moved(self, task: VerificationTask, state: WorldState) -> bool:
+        """Whether the object is known to be elsewhere by now: an empty region would tell nothing of it."""
+        item = state.find(task.object_id)
+        return item is not None and not item.lost and not task.covers(item.position)
+
+    def _in_place(self, task: VerificationTask, pose: Array) -> bool:
+        """Whether the robot is at the goal, and the object in its field of view."""
+        ahead = task.region[0][:2] - pose[:2]
+        off = abs(wrap_scalar(math.atan2(ahead[1], ahead[0]) - pose[2]))
+        away = np.hypot(*(task.goal[:2] - pose[:2]))
+        return bool(
+            away <= self.settings.arrival_distance and off <= max(0.5 * self.settings.opening, TURNED)
+        )
 
     def _publish(self, task: VerificationTask) -> None:
         header = self._header()
@@ -203,7 +222,7 @@ class WorldMaintenanceNode(SuiteNode):
             trigger=TaskMessage.TRIGGER_TASK if task.trigger else TaskMessage.TRIGGER_UNCERTAINTY,
         )  # fmt: skip
         self._task_output.publish(message)
-        if task.distance > 0.0:
+        if self._moves:
             self._goal_output.publish(goal)
             if not self._navigator.go(goal, lambda: self._unreachable(task)):
                 self.complain(self._navigator.reason, key="nav2")

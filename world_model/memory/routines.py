@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.checks import as_number, require_within
+from estimation.checks import as_number, as_stamp
 from estimation.errors import InputError
 from world_model.describing import spoken_time
 from world_model.memory.remembered import Remembered, RoutinesConfig
@@ -37,7 +37,6 @@ Array = np.ndarray
 FORMAT = "whereabouts.routines"
 VERSION = 1
 FEWEST_DAYS = 3  # on which a thing moved, before it usually does anything
-LATEST = 1e10  # s, in the year 2286; milliseconds taken for seconds are beyond
 EMPTY_HALF_LIFE = HOUR  # s, in which a look that did not find a thing says half as much
 
 
@@ -236,7 +235,7 @@ class Routines:
         return made
 
     def _checked(self, stamp: float) -> float:
-        stamp = require_within("stamp", stamp, -LATEST, LATEST)
+        stamp = as_stamp("stamp", stamp)
         if stamp < self._known.stamp:
             raise InputError(f"stamp {stamp} is before the newest look, {self._known.stamp}")
         return stamp

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.checks import as_number, require_word
+from estimation.checks import as_stamp, require_word
 from estimation.geometry.places import LIKELY, Place, Places
 from world_model.memory.store_file import StoreError, StoreFile
 from world_model.memory.store_format import StoreClock
@@ -92,7 +92,7 @@ class Records:
 
         Covariances have grown by the process noise since the last row.
         """
-        stamp = as_number("stamp", stamp)
+        stamp = as_stamp("stamp", stamp)
         begun = "SELECT max(epoch) FROM epochs WHERE first_stamp <= ? AND epoch >= 0"
         run = self._value(begun, stamp) if epoch is None else epoch
         rows = self._execute(

@@ -14,7 +14,7 @@ from datetime import datetime, timedelta
 from functools import cache
 from numbers import Real
 
-from estimation.checks import require_within
+from estimation.checks import as_stamp
 from estimation.errors import InputError
 from world_model.questions.answers import clean, clock
 
@@ -121,7 +121,6 @@ class Span:
         return f"between {clock(self.start)} and {clock(self.end)}"
 
 
-LATEST = 1e11  # s, in the year 5138: milliseconds taken for seconds are beyond
 When = str | float | Span | None
 """A time in words, in s, as a span, or none."""
 
@@ -129,7 +128,7 @@ When = str | float | Span | None
 def moment(words: str | float, now: float) -> Span:
     """The moment or span that words stand for. Raises InputError where they stand for none, saying what can be said."""
     if isinstance(words, Real) and not isinstance(words, bool):
-        stamp = require_within("time", words, -LATEST, LATEST)
+        stamp = as_stamp("time", words)
         return Span(stamp, stamp, str(words))
     text = re.sub(rf"^{_WORD} ", "", _rewritten(" ".join(str(words).lower().split())))
     for pattern, reader in (*_PHRASES, (_BARE, _when)):

@@ -100,9 +100,8 @@ class Recall:
     def of_model(cls, model: WorldModel) -> Recall:
         """As a model believes; the past from its store, where it has one."""
         now = model.stamp if math.isfinite(model.stamp) else 0.0
-        objects = model.propagate(now).objects if math.isfinite(model.stamp) else ()
         places = model.places or (model.store.places() if model.store is not None else Places())
-        present = {item.id: item for item in objects}
+        present = {item.id: item for item in model.world.objects}
         return cls(now, model.epoch, present, places, model.words.symbols, model.store)
 
     def is_now(self, stamp: float) -> bool:

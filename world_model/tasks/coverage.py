@@ -11,8 +11,9 @@ from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Place, Places
-from world_model.tasks.ways import resampled
+from world_model.tasks.maintenance_kernels import resampled
 
+IntArray = npt.NDArray[np.int64]
 CELL = 0.5  # metres
 CLEARANCE = 0.25  # metres
 MARGIN = 2.0  # metres
@@ -136,16 +137,24 @@ def where_more_is_seen(
 
 def middle_of(grid: OccupancyGrid) -> FloatArray | None:
     """The free place nearest to the middle of what is free; None where nothing is."""
-    cells = np.argwhere(grid.free)
-    if not len(cells):
+    free = grid.free
+    if not free.any():
         return None
-    centres = grid.centres(cells)
-    middle = centres.mean(axis=0)
-    return np.asarray(centres[int(np.argmin(np.hypot(*(centres - middle).T)))])
+    off = [
+        np.arange(len(share)) - np.average(np.arange(len(share)), weights=share) for share in _shares(free)
+    ]
+    away = np.where(free, off[0][:, None] ** 2 + off[1] ** 2, np.inf)
+    return grid.centres(np.unravel_index(np.argmin(away), away.shape))
 
 
 def bounds_of(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
     """Corners (2,), (2,) of the box around what is free, metres."""
-    centres = grid.centres(np.argwhere(grid.free)) if grid.free.any() else np.zeros((1, 2))
+    found = [np.flatnonzero(share) for share in _shares(grid.free)]
+    low, high = ([int(cells[end]) if len(cells) else 0 for cells in found] for end in (0, -1))
     half = 0.5 * grid.resolution
-    return centres.min(axis=0) - half, centres.max(axis=0) + half
+    return grid.centres(low) - half, grid.centres(high) + half
+
+
+def _shares(free: npt.NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    """How many cells of each row (H,), and of each column (W,), are free."""
+    return free.sum(axis=1), free.sum(axis=0)

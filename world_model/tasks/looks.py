@@ -97,29 +97,32 @@ class Looks:
     def opening(view: float | Mapping[str, Any] | Callable[[FloatArray], bool] | None) -> float:
         """Full angle of view, rad.
 
-        Raises InputError: not an angle above 0.
+        Raises InputError: not an angle above 0, up to all around.
         """
         if view is None or callable(view):
             return 2.0 * math.pi
         if isinstance(view, Mapping) and "range" in view and view["range"] != math.inf:
             require_positive("field_of_view: range", view["range"])
         angle = view.get("angle", 2.0 * math.pi) if isinstance(view, Mapping) else view
-        return require_positive("field_of_view: angle, rad,", angle)
+        if require_positive("field_of_view: angle, rad,", angle) > 2.0 * math.pi + 1e-2:
+            raise InputError(f"field_of_view: an angle of at most 2 pi rad expected, got {angle!r}")
+        return float(angle)
 
 
 def looks_at(objects: Sequence[WorldObject], sensors: Sequence[Sensor], process_noise: float) -> Looks:
-    """All that can be looked at: not lost, with a finite position and covariance.
+    """All that can be looked at: not lost, with a finite position and covariance, and a growth that is none or more.
 
     process_noise : m²/s, growth of the variance where an object states none.
     """
     able = [item for item in objects if not getattr(item, "lost", False)]
     positions, P = _stacked(able)
+    Q = _growths(able, process_noise)
     usable = np.asarray((np.abs(positions) < FARTHEST).all(axis=1) & np.isfinite(P).all(axis=(1, 2)))
+    usable &= (Q.diagonal(axis1=1, axis2=2) >= 0.0).all(axis=1) & np.isfinite(Q).all(axis=(1, 2))
     if not usable.all():
         able = [item for item, good in zip(able, usable, strict=True) if good]
-        positions, P = positions[usable], P[usable]
+        positions, P, Q = positions[usable], P[usable], Q[usable]
     flat = _repair(P)
-    Q = _growths(able, process_noise)
     Q[flat, 2, :], Q[flat, :, 2] = 0.0, 0.0
     R = []
     for sensor in sensors:
@@ -172,17 +175,18 @@ def _repair(P: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def _growths(objects: list[WorldObject], default: float) -> FloatArray:
-    """(N, 3, 3) m²/s of process noises that may be numbers, vectors or matrices, or be missing."""
+    """(N, 3, 3) m²/s of process noises that may be numbers, vectors or matrices, or be missing; NaN of other shapes."""
     stated = [getattr(item, "process_noise", None) for item in objects]
     if all(type(value) is np.ndarray and value.shape == (3, 3) for value in stated):
         return np.array(stated, dtype=np.float64).reshape(-1, 3, 3)
     Q = np.zeros((len(objects), 3, 3))
     for k, value in enumerate(stated):
         given = np.asarray(default if value is None else value, dtype=np.float64)
-        if given.ndim == 0:
-            Q[k] = np.eye(3) * float(given)
-        elif given.ndim == 1:
-            Q[k, range(len(given)), range(len(given))] = given
+        if given.shape not in ((), (2,), (3,), (2, 2), (3, 3)):
+            Q[k] = np.nan
+        elif given.ndim == 2:
+            Q[k, : len(given), : len(given)] = given
         else:
-            Q[k, : given.shape[0], : given.shape[1]] = given
+            size = len(given) if given.ndim else 3
+            Q[k, range(size), range(size)] = given
     return Q

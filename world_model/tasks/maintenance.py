@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_finite, as_number, as_own, require_kind
+from estimation.checks import FloatArray, as_finite, as_own, as_stamp, require_kind, require_word
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from world_model.state import OUTCOMES, WorldObject, WorldState
@@ -32,6 +32,7 @@ from world_model.tasks.ways import Ways
 
 __all__ = ["Maintenance", "MaintenanceConfig", "Trigger", "VerificationTask"]
 
+STANDS = 0.3  # m that the estimate of an object which stands may change by, however sure it was
 INTERVAL = 1.96  # standard deviations to either side that hold 95 %
 
 
@@ -57,6 +58,11 @@ class VerificationTask:
     class_name: str = ""
     attributes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     quantities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def covers(self, position: FloatArray) -> bool:
+        """Whether an object at a position (3,) is where the task looks; one that has moved on needs another task."""
+        centre, size = self.region
+        return bool((np.abs(position - centre) <= np.maximum(0.5 * size, STANDS)).all())
 
 
 @dataclass(frozen=True)
@@ -94,6 +100,7 @@ class Maintenance:
 
     def trigger(self, object_id: str, requester: str = "a task") -> bool:
         """Queue a look at an object, first come first served; False where one is pending or queued already."""
+        require_word("object_id", object_id)
         if self._pending is not None and self._pending.object_id == object_id:
             return False
         if any(waiting.object_id == object_id for waiting in self._queue):
@@ -167,7 +174,7 @@ class Maintenance:
         """
         if outcome not in OUTCOMES:
             raise InputError(f"outcome: one of {', '.join(OUTCOMES)} expected, got {outcome!r}")
-        when = math.nan if stamp is None else as_number("stamp", stamp)
+        when = math.nan if stamp is None else as_stamp("stamp", stamp)
         if self._pending is not None and self._pending.object_id == task.object_id:
             self._pending = None
         if outcome == "found":
@@ -182,7 +189,7 @@ class Maintenance:
             return "The world model is empty."
         if all(item.lost for item in state.objects):
             return "All objects are lost. Finding them is a task for object_search."
-        return "No object has a position that can be used."
+        return "No object has a position, covariance and growth that can be used."
 
     def _rests(self, item: WorldObject, stamp: float) -> bool:
         """Whether a report keeps an object from being looked at; forgets reports that are over."""
@@ -202,8 +209,15 @@ class Maintenance:
         self, looks: Looks, ways: Ways, view: View | None, base_available: bool
     ) -> VerificationTask | None:
         """The first trigger that can be served; those for unknown or lost objects are dropped."""
-        if self._pending is not None and self._pending.trigger:
-            return self._pending if looks.index(self._pending.object_id) is not None else None
+        pending = self._pending
+        if pending is not None and pending.trigger:
+            index = looks.index(pending.object_id)
+            if index is None:
+                return None
+            if pending.covers(looks.positions[index]):
+                return pending
+            self._queue.appendleft(Trigger(pending.object_id, pending.trigger))
+            self._pending = None
         for trigger in list(self._queue):
             index = looks.index(trigger.object_id)
             if index is None:
@@ -221,12 +235,14 @@ class Maintenance:
     def _keep_pending(
         self, looks: Looks, pose: FloatArray, base_available: bool, view: View | None
     ) -> VerificationTask | None:
-        """The pending task while it is worth it: not once its object has been seen, is gone or is out of bounds."""
+        """The pending task while it is worth it: not once its object was seen, moved, is gone or is out of bounds."""
         task = self._pending
         if task is None:
             return None
         index = looks.index(task.object_id)
-        if index is None or (not base_available and not looks.in_view(index, pose, view)):
+        if index is None or not task.covers(looks.positions[index]):
+            return None
+        if not base_available and not looks.in_view(index, pose, view):
             return None
         sensor = looks.sensor_index(task.sensor)
         if sensor is None:

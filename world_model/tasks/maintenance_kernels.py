@@ -122,6 +122,33 @@ def straight_stop(pose, x, y, low, high, share, aside):
 
 
 @njit(cache=True)
+def resampled(points, step):
+    """Places (S, 2), the first and the last among them, at most `step` m apart along a line through points (K, 2)."""
+    along = np.zeros(len(points))
+    for k in range(1, len(points)):
+        along[k] = along[k - 1] + math.hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1])
+    marks = np.linspace(0.0, along[-1], max(math.ceil(along[-1] / step - 1e-9), 1) + 1)
+    places = np.empty((len(marks), 2))
+    for axis in range(2):
+        places[:, axis] = np.interp(marks, along, points[:, axis])
+    return places
+
+
+@njit(cache=True)
+def looks_along(points, heading, step):
+    """(S, 3) x, y and heading after each `step` metres along points (K, 2), the goal last, with its own heading."""
+    places = resampled(points, step)
+    path = np.full((len(places), 3), heading)
+    path[:, :2] = places
+    for k in range(1, len(places)):
+        dx, dy = places[k, 0] - places[k - 1, 0], places[k, 1] - places[k - 1, 1]
+        if math.hypot(dx, dy) > 1e-9:
+            path[k, 2] = math.atan2(dy, dx)
+    path[0, 2], path[-1, 2] = path[1, 2], heading
+    return path
+
+
+@njit(cache=True)
 def shortest_way(x, y, spots, last=-1):
     """Order (M,) of the shortest way from (x, y) through all of `spots` (M, 2), exact; for some ten of them.
 
@@ -129,6 +156,10 @@ def shortest_way(x, y, spots, last=-1):
     """
     count = len(spots)
     full = (1 << count) - 1
+    apart = np.empty((count, count))
+    for j in range(count):
+        for k in range(count):
+            apart[j, k] = math.hypot(spots[j, 0] - spots[k, 0], spots[j, 1] - spots[k, 1])
     # rest[S, j] : the shortest way through all of the set S that begins at j.
     rest = np.full((1 << count, count), np.inf)
     after = np.full((1 << count, count), -1)
@@ -142,7 +173,7 @@ def shortest_way(x, y, spots, last=-1):
             for k in range(count):
                 if (S >> k) & 1:
                     continue
-                length = rest[S, j] + math.hypot(spots[j, 0] - spots[k, 0], spots[j, 1] - spots[k, 1])
+                length = rest[S, j] + apart[j, k]
                 if length < rest[S | (1 << k), k]:
                     rest[S | (1 << k), k], after[S | (1 << k), k] = length, j
     order = np.empty(count, np.int64)

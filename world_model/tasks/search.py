@@ -14,11 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import NoneType
 
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_number, as_own, require_kind, require_word
+from estimation.checks import FloatArray, as_own, require_kind, require_within, require_word
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.places import Place, Places
@@ -188,6 +189,7 @@ class ObjectSearch:
         self.relations = relations
         self.config = config or SearchConfig()
         self.places = places
+        require_kind("places", places, Places, NoneType)
         self._furniture = {place.name for place in (places.furniture if places else ())}
         self.grid = grid
         self.reset()
@@ -235,7 +237,11 @@ class ObjectSearch:
 
     def expect(self, places: Mapping[str, float]) -> None:
         """Where the target probably is by its routines: {place: probability}; the search begins there."""
-        self._expected = {require_word("place", name): as_number(name, p) for name, p in places.items()}
+        require_kind("places", places, Mapping)
+        self._expected = {
+            require_word("place", name): require_within(f"probability of {name!r}", p, 0.0, 1.0)
+            for name, p in places.items()
+        }
 
     def next_goal(
         self, observed: Mapping[str, npt.ArrayLike], target: str, robot_pose: npt.ArrayLike
@@ -395,7 +401,7 @@ class ObjectSearch:
                 self._middles.append(middle)
             elif middle is not None:
                 return SearchStep("room", middle, "", self._said(why, "drive to where more can be seen."))
-            if room is None and self.grid is None:
+            if self.grid is None and not (self.places and self.places.rooms):  # nobody knows the floor
                 spot = where_more_is_seen(list(known.values()), self._track, place, self._middles)
                 if spot is not None:
                     return SearchStep("room", spot, "", self._said(why, "drive to unseen floor."))

@@ -11,10 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import ConvexHull, QhullError
 
 from estimation.checks import FloatArray, as_vectors, require_count
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
+from estimation.geometry.rotations import wrap_angle
 from estimation.geometry.sight import AGREES, THROUGH, sight
 from world_model.tasks.appearance import Appearance
 
@@ -23,6 +25,7 @@ PROBE = 0.02  # m, standard deviation of a probe: the map and the sensor's place
 MARGIN = 0.1  # m in front of a probe that a return of a cloud may be and still show it
 MAPPED = 0.15  # m around what the map has occupied that belongs to the map
 BEHIND = 0.3  # m: what a cloud shows this near to a probe's direction decides about it
+GAP = math.radians(15.0)  # between returns of a sensor that turns; beyond it may not look there
 UNLIKE = math.log(0.1)  # log odds of the appearance below which what is there is something else
 OCCLUDED, FOUND, NOT_FOUND = "occluded", "found", "not_found"
 
@@ -106,8 +109,11 @@ def look_with_cloud(
     colors: FloatArray | None = None,
 ) -> Frame:
     """One cloud, points (N, 3) in the map, with colours (N, 3); sensor : (4, 4) its pose in the map."""
-    cloud = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    position = np.asarray(sensor, dtype=np.float64)[:3, 3]
+    cloud, pose = np.asarray(points, dtype=np.float64).reshape(-1, 3), np.asarray(sensor, dtype=np.float64)
+    position = pose[:3, 3]
+    # A return without a direction is none, as invalid pixels are sent.
+    some = np.isfinite(cloud).all(axis=1) & (np.abs(cloud - position).max(axis=1, initial=0.0) > 1e-6)
+    cloud, colors = cloud[some], None if colors is None else colors[some]
     mine = box.contains(cloud)
     inside, tints = cloud[mine], None if colors is None else colors[mine]
     if not len(cloud):
@@ -118,14 +124,41 @@ def look_with_cloud(
     rays = cloud - position
     lengths = np.linalg.norm(rays, axis=1)
     directions = rays / np.maximum(lengths, 1e-9)[:, None]
+    bearings = offsets / np.maximum(away, 1e-9)[:, None]
+    looked = _looked_along(directions @ pose[:3, :3], bearings @ pose[:3, :3])
     seen = 0
-    for offset, distance in zip(offsets, away, strict=True):
+    for bearing, distance, in_view in zip(bearings, away, looked, strict=True):
         if distance > range_max:
             continue
-        near = directions @ (offset / max(distance, 1e-9)) > math.cos(math.atan2(0.5 * BEHIND, distance))
-        # Nothing came back from there, or something at the probe or behind it.
-        seen += not near.any() or float(np.median(lengths[near])) >= distance - MARGIN
+        near = directions @ bearing > math.cos(math.atan2(0.5 * BEHIND, distance))
+        # Nothing came back from there though the sensor looks there, or something at the probe or behind it.
+        seen += float(np.median(lengths[near])) >= distance - MARGIN if near.any() else bool(in_view)
     return Frame(inside, seen / len(probes), tints)
+
+
+def _looked_along(returned: FloatArray, bearings: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which `bearings` (M, 3) a sensor looks along that has returns along others (N, 3), unit vectors in its frame.
+
+    A sensor that looks ahead sees what lies within the outline of its returns. One that turns about its z axis sees
+    what lies between its highest and its lowest, less than GAP to the side of one.
+    """
+    ahead = returned.mean(axis=0)
+    if (returned @ ahead).min() > 0.0:
+        basis = np.linalg.svd(ahead[None])[2]  # the first row is along `ahead`
+        basis[0] = ahead / np.linalg.norm(ahead)
+        (depth, *across), (far, *aside) = (basis @ returned.T), (basis @ bearings.T)
+        try:
+            edges = ConvexHull((np.array(across) / depth).T).equations
+        except QhullError:  # too few, or all in one line
+            return np.zeros(len(bearings), dtype=np.bool_)
+        spots = np.array(aside) / np.where(far > 0.0, far, np.nan)
+        return np.asarray((edges[:, :2] @ spots + edges[:, 2:] <= 0.0).all(axis=0))
+    turns, turn = (np.arctan2(each[:, 1], each[:, 0]) for each in (returned, bearings))
+    order = np.sort(turns)
+    place = np.searchsorted(order, turn)
+    beside = np.abs(wrap_angle(np.stack([order[place - 1], order[place % len(order)]]) - turn)).min(axis=0)
+    low, high = returned[:, 2].min(), returned[:, 2].max()
+    return np.asarray((bearings[:, 2] >= low) & (bearings[:, 2] <= high) & (beside < GAP))
 
 
 @dataclass

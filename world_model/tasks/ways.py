@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from estimation.checks import FloatArray
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Place, Places
 from estimation.geometry.rotations import wrap_angle
-from world_model.tasks.maintenance_kernels import straight_stop
+from world_model.tasks.maintenance_kernels import looks_along, straight_stop
 
 CLEARANCE = 0.25  # m a robot's middle keeps from what is occupied
 ASIDE = math.radians(60.0)  # between directions that are different sides
@@ -36,18 +38,7 @@ class Way:
 
     def sampled(self, step: float) -> FloatArray:
         """(S, 3) x, y and heading after each `step` metres, the goal last; the robot itself only where it stays."""
-        places = resampled(self.points, step)
-        ahead = np.diff(places, axis=0)
-        bearings = np.arctan2(ahead[:, 1], ahead[:, 0])
-        headings = np.where(np.hypot(*ahead.T) > 1e-9, bearings, self.heading)
-        return np.column_stack([places, [headings[0], *headings[:-1], self.heading]])
-
-
-def resampled(points: FloatArray, step: float) -> FloatArray:
-    """Places (S, 2), the first and the last among them, at most `step` m apart along a line through points (K, 2)."""
-    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-    marks = np.linspace(0.0, along[-1], max(math.ceil(along[-1] / step - 1e-9), 1) + 1)
-    return np.column_stack([np.interp(marks, along, points[:, axis]) for axis in range(2)])
+        return np.asarray(looks_along(self.points, self.heading, step))
 
 
 class Ways:
@@ -134,21 +125,30 @@ class Entrances:
         known = self._worked_out
         if known is not None and known[0] is grid and math.dist(known[1], place) < AGAIN:
             return known[2]
-        rooms = list(self._places.rooms)
         # What nobody has mapped yet may be floor.
         paths = None if grid is None else GridPaths(grid, place, CLEARANCE, through_unknown=True)
         if grid is None or paths is None or not paths.reachable().any():
             # Of a robot that stands in a wall, or off the map, the map tells no way at all.
-            spots = {room.name: _nearest_to_middle(room, _lattice(room)) for room in rooms}
-            return {name: (spot, math.dist(spot, place)) for name, spot in spots.items()}
-        free = grid.centres(np.argwhere(paths.reachable()))
-        found = [_nearest_to_middle(room, free) for room in rooms]
+            return {name: (spot, math.dist(spot, place)) for name, spot in self._middles.items()}
+        reachable, rooms = paths.reachable(), self._places.rooms
+        found = [_nearest_to_middle(room, _cells_around(room, grid, reachable)) for room in rooms]
         lengths = paths.lengths(np.array(found).reshape(-1, 2)).tolist()
         entrances = {
             room.name: way for room, way in zip(rooms, zip(found, lengths, strict=True), strict=True)
         }
         self._worked_out = grid, place, entrances
         return entrances
+
+    @cached_property
+    def _middles(self) -> dict[str, FloatArray]:
+        """Of each room on an empty floor."""
+        return {room.name: _nearest_to_middle(room, _lattice(room)) for room in self._places.rooms}
+
+
+def _cells_around(room: Place, grid: OccupancyGrid, among: npt.NDArray[np.bool_]) -> FloatArray:
+    """Middles (N, 2) m of the grid's cells `among` some (H, W) in the box around a room."""
+    rows, columns = grid.window(room.polygon.min(axis=0), room.polygon.max(axis=0))
+    return grid.centres(np.argwhere(among[rows, columns]) + np.array([rows.start, columns.start]))
 
 
 def _lattice(room: Place) -> FloatArray:

@@ -222,7 +222,7 @@ class LiveRobot:
             self.world = state_from_message(message)
 
     def _take_map(self, message: GridMessage) -> None:
-        self.map = grid_from_message(message)
+        self.map = grid_from_message(message, "map")
 
     def miss(self, object_id: str) -> None:
         """The arm has found nothing where an object should be: tell the world model."""

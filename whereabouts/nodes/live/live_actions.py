@@ -101,9 +101,9 @@ def find(
         finally:
             if search.result is None:
                 _cancel(client, search)
-        if search.result is None or search.result.code == FindObject.Result.CANCELED:
-            return Done(False, "The search was cancelled.")
-        return _outcome(search.result)
+        return _outcome(
+            search.result or FindObject.Result(code=FindObject.Result.CANCELED, message="cancelled")
+        )
     finally:
         searches.destroy()
 
@@ -116,10 +116,12 @@ def _cancel(client: Client, search: RunningSearch) -> None:
 
 
 def _outcome(result: FindObject.Result) -> Done:
+    if result.code == FindObject.Result.CANCELED:
+        return Done(False, f"The search was ended: {result.message}.")
     if result.code != FindObject.Result.FOUND:
         return Done(False, result.message or "It was not found.")
     found = result.object[0] if result.object else None
-    where = f" on the {found.place.replace('_', ' ')}" if found is not None and found.place else ""
+    where = f" at the {found.place.replace('_', ' ')}" if found is not None and found.place else ""
     name = found.id if found is not None else "It"
     sentence = f"{name} is found{where}, after {result.distance:.1f} m of driving."
     if found is None:

@@ -19,7 +19,7 @@ from whereabouts.nodes.messages.conversions import fill_pose, pose_from_message,
 from whereabouts.nodes.messages.markers import point, vector
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import seconds
-from whereabouts.nodes.messages.transforms import TransformBuffer
+from whereabouts.nodes.messages.transforms import TransformBuffer, check_frame
 from whereabouts_msgs.msg import (
     Attribute,
     DiscreteDistribution,
@@ -38,13 +38,17 @@ class LatestState:
     """The newest world state, read when somebody looks at it.
 
     refuse : called with the reason for a state that makes no sense; the one before then stays the newest.
+    frame : of the map, in which a state has to be.
     on_read : called with each state that is read.
     """
 
     def __init__(
-        self, refuse: Callable[[str], None], on_read: Callable[[WorldState], None] = lambda state: None
+        self,
+        refuse: Callable[[str], None],
+        frame: str,
+        on_read: Callable[[WorldState], None] = lambda state: None,
     ) -> None:
-        self._refuse = refuse
+        self._refuse, self._frame = refuse, frame
         self._on_read = on_read
         self._news: Packed | None = None
         self._state: WorldState | None = None
@@ -64,6 +68,7 @@ class LatestState:
         if news is not None:
             try:
                 message: StateMessage = news.unpack()
+                check_frame("world_state", message.header.frame_id, self._frame)
                 self._state = state_from_message(message)
             except InputError as error:
                 self._refuse(str(error))
@@ -94,11 +99,13 @@ def paths_from_message(message: PredictedPathArray, transform: Array) -> dict[in
     return found
 
 
-def grid_from_message(message: GridMessage) -> OccupancyGrid:
-    """A nav_msgs/OccupancyGrid.
+def grid_from_message(message: GridMessage, frame: str) -> OccupancyGrid:
+    """A nav_msgs/OccupancyGrid of the map frame.
 
-    Raises InputError: sizes that do not fit, a resolution that is not positive, a map turned against its axes.
+    Raises InputError: another frame, sizes that do not fit, a resolution that is not positive, a map turned against its
+    axes.
     """
+    check_frame("map", message.header.frame_id, frame)
     values, pose = grid_values(message), pose_from_message(message.info.origin)
     if abs(pose[5]) > 1e-6:
         raise InputError(f"map: turned by {pose[5]:.3f} rad against its axes")

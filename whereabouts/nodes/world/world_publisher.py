@@ -69,7 +69,7 @@ class WorldPublisher:
         """The most probable world as it is."""
         if not np.isfinite(self.model.stamp):
             return WorldState((), 1.0, 0.0, 0.0, self.model.epoch)
-        return self.model.propagate(self.model.stamp)
+        return self.model.world
 
     def after_change(self) -> None:
         """Somebody has corrected the world: say how it is now."""
