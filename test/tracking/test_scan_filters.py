@@ -46,6 +46,8 @@ def test_names_and_inputs_that_mean_nothing_are_refused() -> None:
             tracker_of(name)
     with pytest.raises(InputError, match="filter"):
         PointsTracker("mixture")
+    with pytest.raises(InputError, match="config"):
+        PointsTracker("phd", {})
     scan = Scan(np.full(10, 3.0), -0.5, 0.1, 0.05, 10.0, 0.0)
     tracker = PointsTracker("phd")
     with pytest.raises(InputError, match="pose"):

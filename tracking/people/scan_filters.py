@@ -44,7 +44,8 @@ class PointsTracker:
         """name : "phd" or "gmphd"; of the settings only the range and how returns are joined count."""
         if name not in FILTERS or name == "mixture":
             raise InputError(f"filter must be phd or gmphd, not {name!r}")
-        self.config = config or PeopleConfig()
+        self.config = PeopleConfig() if config is None else config
+        require_kind("config", self.config, PeopleConfig)
         reach = self.config.max_range
         self.filter = ExtendedTargetPhd(
             PhdConfig.as_printed(
