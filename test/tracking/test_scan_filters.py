@@ -36,6 +36,8 @@ def test_the_reference_s_filters_follow_a_walker_among_walls(name: str) -> None:
     assert np.mean(np.array(gaps) < 0.4) > 0.9
     assert np.mean(counts) < 1.6
     assert tracker.targets == targets
+    targets.clear()
+    assert tracker.targets
     assert tracker.expected_count == pytest.approx(np.mean(counts), abs=0.6)
 
 

@@ -100,7 +100,7 @@ class PointsTracker:
         last = self._stamp
         if last is not None and -self.config.late_window <= stamp - last < 0.0:
             self.health.late += 1
-            return self.targets
+            return list(self.targets)
         if last is not None and not 0.0 <= stamp - last <= self.config.max_gap:
             self.health.restarts += 1
             self.reset()
@@ -120,7 +120,7 @@ class PointsTracker:
         ]
         self.health.potential = len(self.targets)
         self.health.thinned = self.filter.health.thinned_scans
-        return self.targets
+        return list(self.targets)
 
     def _measurements(self, scan: Scan, sweep: Sweep) -> FloatArray:
         """Returns (N, 2), or middles of clusters, m in the frame of the poses."""
