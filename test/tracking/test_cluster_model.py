@@ -218,18 +218,6 @@ def test_velocity_fades_the_same_over_two_steps_as_over_one_and_who_stands_stays
     assert np.linalg.eigvalsh(once.covariances).min() > 0.0
 
 
-@pytest.mark.parametrize("rate", [5.0, 20.0, 40.0])
-def test_who_walks_out_of_sight_is_as_uncertain_whatever_the_rate_of_the_scanner(rate: float) -> None:
-    motion = StandingOrWalking(PhdConfig(process_noise=2.5, scan_period=0.1, survival_probability=1.0))
-    deviations = []
-    for steps in (10, round(rate)):
-        walker = motion.fresh(np.ones(1), np.array([[0.0, 0.0, 1.2, 0.0]]), 0.01 * np.eye(4)[None], Labels())
-        for _ in range(steps):
-            walker, _ = motion.survivors(walker, 1.0 / steps)
-        deviations.append(np.sqrt(walker.covariances[0].diagonal()))
-    np.testing.assert_allclose(deviations[1], deviations[0], rtol=0.05)
-
-
 def test_the_shipped_classes_tell_somebody_who_stands_from_a_pole() -> None:
     """Neither ever moves; the robot drives past both."""
     person = SimulatedWalker(np.array([[3.0, 1.2]]), build=Build("legs"))

@@ -160,8 +160,6 @@ class StandingOrWalking(ConstantVelocityMotion):
         """Components dt seconds on, and their covariances (J, 4, 4) before process noise is added."""
         slower = np.exp(-dt / PERSISTS)
         F, Q = self.matrices(dt)
-        # The acceleration is constant over a scan period: what it adds up to does not depend on the scanner's rate.
-        Q *= self.config.scan_period / dt
         F[0, 2] = F[1, 3] = PERSISTS * (1.0 - slower)
         F[2, 2] = F[3, 3] = slower
         moved = F @ components.covariances @ F.T
