@@ -192,7 +192,11 @@ def test_a_track_of_one_point_teaches_nothing_and_can_be_predicted(method: str) 
     check(IntentionModel().predict(partial, 3.0), partial, 3.0)
 
 
-@pytest.mark.parametrize("units", [(100.0, 100.0, 1.0), (1.0, 1.0, 1e-3)], ids=["cm", "ks"])
+@pytest.mark.parametrize(
+    "units",
+    [(100.0, 100.0, 1.0), (1e3, 1e3, 1.0), (1.0, 1.0, 1e-3), (1.0, 1.0, 1e3), (1.0, 1.0, 1e9)],
+    ids=["cm", "mm", "ks", "ms", "ns"],
+)
 def test_a_walk_in_other_units_teaches_nothing_and_says_so(units: tuple[float, float, float]) -> None:
     model = IntentionModel()
     outcome = model.learn(walk("up") * units)
@@ -251,6 +255,7 @@ def test_jumps_duplicates_gaps_and_loops_are_survived_and_counted(method: str) -
         (lambda m: m.predict(walk("up"), 1.0, obstacles=np.zeros((2, 3))), "obstacles"),
         (lambda m: IntentionConfig(method="oracle"), "method"),
         (lambda m: IntentionConfig(resolution=-1.0), "resolution"),
+        (lambda m: IntentionModel({}), "config"),
     ],
 )
 def test_wrong_arguments_are_named(call: object, named: str) -> None:

@@ -22,11 +22,11 @@ from evaluation.people.people_judging import (
 from evaluation.scenes.occlusion_scenes import PLANS, OcclusionKind, occlusions, to_and_fro
 from evaluation.scenes.people_scenes import crossing, empty_floor, hidden
 from registration import Scan
-from tracking import PeopleConfig, PeopleTracker
+from tracking import PeopleConfig, PeopleTracker, PhdConfig
 from tracking.mixture.occluders import PLACES, WEIGHTS, seen_shares
 from tracking.people.cluster_model import ClusterScan
 from tracking.people.free_space import Background
-from tracking.people.legs import clusters_of
+from tracking.people.legs import FAR, FEATURES, clusters_of
 from tracking.people.people_shape import shape_model
 from tracking.people.people_sweep import Sweep
 from whereabouts.simulation import Lidar, box, circle, joined
@@ -307,6 +307,32 @@ def test_thousands_of_clusters_are_thinned() -> None:
     assert tracker.health.potential <= 1000
 
 
+def test_what_is_told_of_somebody_cannot_be_changed() -> None:
+    tracker = PeopleTracker()
+    for person in walk(tracker, 20):
+        for array in (person.mean, person.covariance, person.extent):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = np.nan
+    scan = scan_of(with_leg(wall(), 2.4, 0.0))
+    told = tracker.step(scan, np.zeros(3), 2.0, pose_covariance=0.01 * np.eye(3))
+    assert told
+    assert not any(person.mean.flags.writeable or person.covariance.flags.writeable for person in told)
+
+
+def test_the_nearest_slim_cluster_is_that_of_all() -> None:
+    rng = np.random.default_rng(0)
+    steps = np.repeat(rng.uniform(0.5, 9.0, 100), rng.integers(1, 9, 100))
+    found = clusters_of(Scan(steps, -3.0, 6.0 / len(steps), 0.05, 12.0))
+    gaps = np.linalg.norm(found.centres[:, None] - found.centres[None], axis=2)
+    gaps[:, found.widths >= 0.45] = np.inf
+    np.fill_diagonal(gaps, np.inf)
+    nearest = gaps.argmin(1)
+    near = gaps.min(1) < FAR
+    np.testing.assert_allclose(found.features[:, FEATURES.index("partner_gap")], np.minimum(gaps.min(1), FAR))
+    width = found.features[:, FEATURES.index("partner_width")]
+    np.testing.assert_allclose(width, np.where(near, found.widths[nearest], 0.0))
+
+
 def test_bad_input_is_named() -> None:
     tracker = PeopleTracker()
     scan = scan_of(wall())
@@ -320,6 +346,8 @@ def test_bad_input_is_named() -> None:
         tracker.step(scan, np.zeros(3), 0.0, labels=np.zeros(3))
     with pytest.raises(InputError, match="memory"):
         PeopleConfig(memory=0.0)
+    with pytest.raises(InputError, match="config"):
+        PeopleTracker(PhdConfig())
 
 
 def test_crossing_people_keep_their_labels() -> None:

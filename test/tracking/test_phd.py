@@ -373,7 +373,16 @@ def test_measurements_of_another_shape_are_refused(bad: object) -> None:
         ExtendedTargetPhd().step(bad, 0.0)
 
 
+@pytest.mark.parametrize("name", ["mixture", "phd", "gmphd"])
+def test_returns_too_far_away_for_numbers_are_dropped_and_counted(name: str) -> None:
+    filter_ = ExtendedTargetPhd(PhdConfig(filter=name))
+    filter_.step([[1e200, 0.0], [-np.inf, 0.0], [1.0, np.nan], [1.0, 1.0], [1.1, 1.0]], 0.0)
+    assert filter_.health.dropped == 3
+
+
 def test_stamps_and_poses_are_checked() -> None:
+    with pytest.raises(InputError, match="config"):
+        ExtendedTargetPhd({"filter": "phd"})
     with pytest.raises(InputError, match="stamp"):
         ExtendedTargetPhd().step([], np.nan)
     with pytest.raises(InputError, match="sensor_pose"):
@@ -385,6 +394,11 @@ def test_what_is_kept_is_not_the_caller_s() -> None:
     config = PhdConfig(births=[(0.1, mean, np.eye(4))])
     mean[:] = 9.0
     np.testing.assert_array_equal(config.births[0][1], np.zeros(4))
+    filter_ = ExtendedTargetPhd(PhdConfig(births=config.births))
+    for k in range(5):
+        targets = filter_.step(np.full((8, 2), 1.0), float(k))
+    assert targets
+    assert not any(array.flags.writeable for t in targets for array in (t.mean, t.covariance, t.extent))
     for bad in (None, "0", True):
         with pytest.raises(InputError, match="stamp"):
             ExtendedTargetPhd().step([], bad)

@@ -36,6 +36,8 @@ def test_the_reference_s_filters_follow_a_walker_among_walls(name: str) -> None:
     assert np.mean(np.array(gaps) < 0.4) > 0.9
     assert np.mean(counts) < 1.6
     assert tracker.targets == targets
+    targets.clear()
+    assert tracker.targets
     assert tracker.expected_count == pytest.approx(np.mean(counts), abs=0.6)
 
 
@@ -46,6 +48,8 @@ def test_names_and_inputs_that_mean_nothing_are_refused() -> None:
             tracker_of(name)
     with pytest.raises(InputError, match="filter"):
         PointsTracker("mixture")
+    with pytest.raises(InputError, match="config"):
+        PointsTracker("phd", {})
     scan = Scan(np.full(10, 3.0), -0.5, 0.1, 0.05, 10.0, 0.0)
     tracker = PointsTracker("phd")
     with pytest.raises(InputError, match="pose"):

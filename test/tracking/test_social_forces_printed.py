@@ -101,6 +101,15 @@ def test_the_time_of_day_changes_no_path():
     np.testing.assert_allclose(today.path[:, :2], told.path[:, :2], atol=1e-4)
 
 
+def test_what_was_seen_before_a_gap_says_nothing_of_the_velocity():
+    t = 0.2 * np.arange(10)
+    walk = np.column_stack((t, 0.0 * t, t))
+    model = IntentionModel.of(IntentionConfig(method="printed"))
+    for gap in (60.0, 1e12):
+        track = np.concatenate((walk - [30.0, 0.0, gap], walk))
+        np.testing.assert_array_equal(model.predict(track, 2.0).path, model.predict(walk, 2.0).path)
+
+
 def test_everybody_present_is_predicted_with_the_others_in_the_way(tmp_path):
     model = IntentionModel.of(IntentionConfig(method="printed"))
     for k in range(6):

@@ -15,12 +15,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimation.checks import FloatArray, as_floats, require_positive, require_within
+from estimation.checks import FloatArray, as_floats, require_kind, require_positive, require_within
 from estimation.errors import InputError
 from tracking.intentions.ghmm import GrowingHmm
 from tracking.intentions.intention_config import IntentionConfig
 from tracking.intentions.intention_storage import read, write
-from tracking.intentions.observations import FASTEST, clean, spaced
+from tracking.intentions.observations import FASTEST, SLOWEST, clean, spaced
 from tracking.intentions.path_errors import LAGS, PathErrors, squared_rates
 from tracking.intentions.prediction import PredictedWay, Prediction, parse_others, path_covariances
 from tracking.intentions.routes import RouteBelief, Routes
@@ -83,7 +83,8 @@ class IntentionModel:
         cls._others[method] = cls
 
     def __init__(self, config: IntentionConfig | None = None) -> None:
-        self.config = config or IntentionConfig()
+        self.config = IntentionConfig() if config is None else config
+        require_kind("config", self.config, IntentionConfig)
         self.forces = Forces(**{name: getattr(self.config, name) for name in Forces.__dataclass_fields__})
         self.reset()
 
@@ -104,7 +105,7 @@ class IntentionModel:
 
         Rows that are not finite, repeat a time, run back in time or jump away and back are left out; gaps, loops and
         jumps that last are taken as they are, unless one is wider than any room. A person that stayed within
-        `min_length` teaches nothing, and neither does what is mostly faster than people are.
+        `min_length` teaches nothing, and neither does what is mostly faster than people are, or always slower.
         Raises InputError: not (N, 3), or without one finite row.
         """
         cleaned = clean("trajectory", trajectory)
@@ -114,12 +115,15 @@ class IntentionModel:
             return LearnedIntentions(False, "one observation", dropped)
         if float(np.hypot(*np.ptp(points, axis=0))) < self.config.min_length:
             return LearnedIntentions(False, f"stayed within {self.config.min_length:g} m", dropped)
-        longest = float(np.hypot(*np.diff(points, axis=0).T).max())
-        if longest > WIDEST_GAP:
-            return LearnedIntentions(False, f"a gap of {longest:.3g} m", dropped)
         steps = np.diff(cleaned.rows, axis=0)
-        if float(np.median(np.hypot(steps[:, 0], steps[:, 1]) / steps[:, 2])) > FASTEST:
+        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        speeds = lengths / steps[:, 2]
+        if float(np.median(speeds)) > FASTEST:
             return LearnedIntentions(False, "faster than people are: metres and seconds expected", dropped)
+        if float(speeds.max()) < SLOWEST:
+            return LearnedIntentions(False, "slower than people are: metres and seconds expected", dropped)
+        if float(lengths.max()) > WIDEST_GAP:
+            return LearnedIntentions(False, f"a gap of {lengths.max():.3g} m", dropped)
         self._judge(cleaned.rows)
         if self.config.method == "routes":
             self.routes.learn(cleaned.rows)

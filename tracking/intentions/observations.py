@@ -12,6 +12,8 @@ from estimation.errors import InputError
 
 # Nobody walks faster; a step beyond it is the tracker's mistake, unless the person stays where the step led.
 FASTEST = 12.0
+# m/s; who gets anywhere is faster than that at some time.
+SLOWEST = 0.01
 
 
 @dataclass(frozen=True)

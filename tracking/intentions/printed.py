@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from estimation.checks import FloatArray, as_points
 from tracking.intentions.intention_config import IntentionConfig
-from tracking.intentions.intention_model import IntentionModel
+from tracking.intentions.intention_model import MISSING, IntentionModel
 from tracking.intentions.prediction import Prediction
 from tracking.prediction.social_forces import Obstacles
 from tracking.prediction.social_forces_printed import Acceleration, PrintedForces, SocialForceFilter
@@ -69,7 +69,9 @@ class PrintedModel(IntentionModel, method="printed"):
         )
 
     def _filtered(self, rows: FloatArray, pushed: Callable[[float], Acceleration]) -> SocialForceFilter:
-        """The filter after the observations."""
+        """The filter after the observations since the last gap; before it nothing is told of the velocity either."""
+        gaps = np.flatnonzero(np.diff(rows[:, 2]) > MISSING)
+        rows = rows[gaps[-1] + 1 :] if len(gaps) else rows
         filter_ = SocialForceFilter(
             np.array([*rows[0, :2], 0.0, 0.0]), np.diag([0.01, 0.01, 4.0, 4.0]), dt=0.2
         )

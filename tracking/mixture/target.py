@@ -19,7 +19,7 @@ class Target:
 
     label : stays with the target; mean (4,) x, y, vx, vy in m and m/s, in the frame of the measurements, with
     covariance (4, 4); weight : expected number of targets here, about 1; extent (2, 2) : covariance of its returns
-    about its centre, m², sensor noise included; rate : expected returns per scan.
+    about its centre, m², sensor noise included; rate : expected returns per scan. The arrays cannot be written to.
     """
 
     label: int
@@ -28,6 +28,12 @@ class Target:
     weight: float
     extent: FloatArray
     rate: float
+
+
+def shown(array: FloatArray) -> FloatArray:
+    """`array` itself, which from now on cannot be written to: who gets to see it must not change what is kept."""
+    array.flags.writeable = False
+    return array
 
 
 LabelState = tuple[dict[int, int], int]
@@ -83,10 +89,10 @@ class Reporter:
         freedom, (shape, rate) = components.freedom[i], components.counts[i]
         return Target(
             self.labels.number(int(components.labels[i])),
-            components.means[i].copy(),
-            components.covariances[i].copy(),
+            shown(components.means[i].copy()),
+            shown(components.covariances[i].copy()),
             weight,
-            components.spread[i] / freedom if freedom > 1e-9 else noise,
+            shown(components.spread[i] / freedom if freedom > 1e-9 else noise),
             float(shape / rate) if rate > 1e-9 else gamma,
         )
 

@@ -220,13 +220,17 @@ def _circle(x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _context(centres, widths, features):  # type: ignore[no-untyped-def]
-    """Fills in what is near: the closest other slim cluster."""
-    for k in range(len(widths)):
+    """Fills in what is near: the closest other slim cluster, looked for from each to both sides along x."""
+    order = np.argsort(centres[:, 0])
+    for place in range(len(order)):
+        k = order[place]
         partner, partner_width = FAR, 0.0
-        for j in range(len(widths)):
-            if j == k or widths[j] >= 0.45:
-                continue
-            gap = math.hypot(centres[j, 0] - centres[k, 0], centres[j, 1] - centres[k, 1])
-            if gap < partner:
-                partner, partner_width = gap, widths[j]
+        for side in (-1, 1):
+            other = place + side
+            while 0 <= other < len(order) and abs(centres[order[other], 0] - centres[k, 0]) < partner:
+                j = order[other]
+                gap = math.hypot(centres[j, 0] - centres[k, 0], centres[j, 1] - centres[k, 1])
+                if widths[j] < 0.45 and gap < partner:
+                    partner, partner_width = gap, widths[j]
+                other += side
         features[k, 14], features[k, 15] = partner, partner_width

@@ -18,7 +18,7 @@ class PeopleConfig:
     acceleration: float = setting(
         2.5,
         "m/s²",
-        "standard deviation of the acceleration of somebody who walks, constant over 0.1 s",
+        "standard deviation of the acceleration of somebody who walks, constant from scan to scan",
         0.1,
         10.0,
     )

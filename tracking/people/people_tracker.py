@@ -27,7 +27,7 @@ from tracking.mixture.components import IntArray
 from tracking.mixture.phd_config import PhdConfig
 from tracking.mixture.phd_models import Detection
 from tracking.mixture.pmbm import PmbmRecursion
-from tracking.mixture.target import Target
+from tracking.mixture.target import Target, shown
 from tracking.people.cluster_model import KINDS, SHAPE, ClusterScan, ScanDetection, StandingOrWalking
 from tracking.people.free_space import DELAY, Background
 from tracking.people.identity import ReturningPeople
@@ -91,7 +91,8 @@ class PeopleTracker:
 
     def __init__(self, config: PeopleConfig | None = None, classes: ClassModel | None = None) -> None:
         """classes : instead of the shipped ones."""
-        self.config = config or PeopleConfig()
+        self.config = PeopleConfig() if config is None else config
+        require_kind("config", self.config, PeopleConfig)
         self.shape, self.classes = shape_model(), classes or class_model()
         self.health = PeopleHealth()
         self._phd = PhdConfig(
@@ -366,7 +367,7 @@ class PeopleTracker:
         mean, P = state_through_uncertain_pose(
             target.mean, target.covariance, self._pose[:2], self._uncertain
         )
-        return {"mean": mean, "covariance": P}
+        return {"mean": shown(mean), "covariance": shown(P)}
 
     def _people(self) -> list[Person]:
         return [target for target in self.targets if target.person > self.config.report]

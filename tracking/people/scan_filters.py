@@ -44,7 +44,8 @@ class PointsTracker:
         """name : "phd" or "gmphd"; of the settings only the range and how returns are joined count."""
         if name not in FILTERS or name == "mixture":
             raise InputError(f"filter must be phd or gmphd, not {name!r}")
-        self.config = config or PeopleConfig()
+        self.config = PeopleConfig() if config is None else config
+        require_kind("config", self.config, PeopleConfig)
         reach = self.config.max_range
         self.filter = ExtendedTargetPhd(
             PhdConfig.as_printed(
@@ -99,7 +100,7 @@ class PointsTracker:
         last = self._stamp
         if last is not None and -self.config.late_window <= stamp - last < 0.0:
             self.health.late += 1
-            return self.targets
+            return list(self.targets)
         if last is not None and not 0.0 <= stamp - last <= self.config.max_gap:
             self.health.restarts += 1
             self.reset()
@@ -119,7 +120,7 @@ class PointsTracker:
         ]
         self.health.potential = len(self.targets)
         self.health.thinned = self.filter.health.thinned_scans
-        return self.targets
+        return list(self.targets)
 
     def _measurements(self, scan: Scan, sweep: Sweep) -> FloatArray:
         """Returns (N, 2), or middles of clusters, m in the frame of the poses."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import FloatArray, as_floats, as_number, as_own
+from estimation.checks import FloatArray, as_floats, as_number, as_own, require_kind
 from estimation.errors import InputError
 from tracking.mixture.detection import BearingDetection, OcclusionDetection
 from tracking.mixture.phd_config import PhdConfig
@@ -22,15 +22,17 @@ from tracking.mixture.pmbm import PmbmRecursion
 from tracking.mixture.target import Target
 from tracking.phd.phd_recursion import PhdRecursion
 
+FARTHEST = 1e12  # m; of places beyond, squares overflow and differences are rounded away
+
 
 @dataclass
 class PhdHealth:
     """What the filter has had to put up with since its creation; numbers that grow belong in diagnostics.
 
-    dropped : returns that were NaN or infinite; thinned_scans : scans of more than `max_measurements` returns;
-    thinned_partitions : groups of returns with more partitions, or structures, than are weighed; late : scans that
-    came late and were worked in; skipped : scans that came too late for that; restarts : new runs; repaired : times
-    covariances lost definiteness.
+    dropped : returns that were NaN, infinite or beyond `FARTHEST`; thinned_scans : scans of more than
+    `max_measurements` returns; thinned_partitions : groups of returns with more partitions, or structures, than are
+    weighed; late : scans that came late and were worked in; skipped : scans that came too late for that; restarts : new
+    runs; repaired : times covariances lost definiteness.
     """
 
     dropped: int = 0
@@ -61,7 +63,8 @@ class ExtendedTargetPhd:
 
     def __init__(self, config: PhdConfig | None = None, detection: Detection | None = None) -> None:
         """`detection` replaces p_D as configured: constant, and lower behind other targets where poses are given."""
-        self.config = config or PhdConfig()
+        self.config = PhdConfig() if config is None else config
+        require_kind("config", self.config, PhdConfig)
         self.detection: Detection = detection or self._detection()
         self.recursion = self._recursion()
         self.health = PhdHealth()
@@ -96,10 +99,10 @@ class ExtendedTargetPhd:
     ) -> list[Target]:
         """Targets after the scan: returns (N, 2), m, taken at `stamp`, s, from `sensor_pose` (3,) x, y, yaw.
 
-        Returns that are not finite are dropped and counted in `health`, as is all else that is wrong but can be
-        lived with. A scan at most `late_window` late is worked in where it belongs and the later ones are taken up
-        again; what is returned is always the state at the newest stamp. A stamp further back is a new run. Raises
-        InputError for other shapes and stamps that are not finite.
+        Returns that are not finite or beyond `FARTHEST` are dropped and counted in `health`, as is all else that is
+        wrong but can be lived with. A scan at most `late_window` late is worked in where it belongs and the later ones
+        are taken up again; what is returned is always the state at the newest stamp. A stamp further back is a new run.
+        Raises InputError for other shapes and stamps that are not finite.
         """
         points = self._points(measurements)
         pose = None if sensor_pose is None else as_own("sensor_pose", sensor_pose, (3,))
@@ -148,13 +151,13 @@ class ExtendedTargetPhd:
             self._take(scan.stamp, scan.points, scan.pose)
 
     def _points(self, measurements: npt.ArrayLike) -> FloatArray:
-        """Finite returns, at most `max_measurements`."""
+        """Returns that are numbers within `FARTHEST`, at most `max_measurements`."""
         points = as_floats("measurements", measurements)
         if points.size == 0:
             return np.zeros((0, 2))
         if points.ndim != 2 or points.shape[1] != 2:
             raise InputError(f"measurements must have shape (N, 2), not {points.shape}")
-        finite = np.isfinite(points).all(1)
+        finite = (np.abs(points) < FARTHEST).all(1)
         self.health.dropped += int((~finite).sum())
         points = np.ascontiguousarray(points[finite])
         most = self.config.max_measurements
