@@ -68,7 +68,7 @@ class LatestState:
         if news is not None:
             try:
                 message: StateMessage = news.unpack()
-                check_frame("world_state", message.header.frame_id, self._frame)
+                _check_said("world_state", message.header.frame_id, self._frame)
                 self._state = state_from_message(message)
             except InputError as error:
                 self._refuse(str(error))
@@ -99,13 +99,19 @@ def paths_from_message(message: PredictedPathArray, transform: Array) -> dict[in
     return found
 
 
+def _check_said(what: str, said: str, frame: str) -> None:
+    """`check_frame`; a message that says nothing of its frame is taken to be in the map's."""
+    if said:
+        check_frame(what, said, frame)
+
+
 def grid_from_message(message: GridMessage, frame: str) -> OccupancyGrid:
     """A nav_msgs/OccupancyGrid of the map frame.
 
     Raises InputError: another frame, sizes that do not fit, a resolution that is not positive, a map turned against its
     axes.
     """
-    check_frame("map", message.header.frame_id, frame)
+    _check_said("map", message.header.frame_id, frame)
     values, pose = grid_values(message), pose_from_message(message.info.origin)
     if abs(pose[5]) > 1e-6:
         raise InputError(f"map: turned by {pose[5]:.3f} rad against its axes")
