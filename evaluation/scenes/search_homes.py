@@ -15,6 +15,7 @@ import numpy as np
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Places
+from world_model.tasks.maintenance_kernels import resampled
 from world_model.tasks.relations import Relations
 
 Array = np.ndarray
@@ -153,13 +154,9 @@ def driven_through(made: Home, chooser: Chooser, limit: float = 200.0) -> float:
         paths = GridPaths(made.grid, place, CLEARANCE)
         path = paths.path(_reachable(made.grid, paths, goal))
         assert path is not None
-        since, at_end = 0.0, True
-        for point in path:
-            stride = math.dist(point, place)
-            place, length, since = np.asarray(point), length + stride, since + stride
-            if since < STRIDE:
-                continue
-            since = 0.0
+        at_end = True
+        for point in resampled(path, STRIDE)[1:]:
+            place, length = point, length + math.dist(point, place)
             if made.sees(place, made.spot, FOUND):
                 return length
             other = chooser.next_goal(known(), place)
