@@ -103,10 +103,12 @@ def pose(x: float, y: float) -> PoseStamped:
 
 def test_the_driver_follows_a_server_through_every_way_a_goal_can_end(graph: Graph) -> None:
     robot = np.zeros(3)
-    nav2 = Nav2(graph, lambda: robot)
     ours, other = Navigator(graph.node), Navigator(graph.node)
-    graph.until(lambda: ours.ready and other.ready, "the action is served")
     failures: list[str] = []
+    assert not ours.go(pose(3.0, 4.0), lambda: failures.append(ours.reason)), "nav2 is not there yet"
+    assert ours.reason == "no node offers navigate_to_pose"
+    nav2 = Nav2(graph, lambda: robot)
+    graph.until(lambda: ours.ready and other.ready, "the action is served")
 
     def go(x: float, y: float) -> None:
         assert ours.go(pose(x, y), lambda: failures.append(ours.reason))
@@ -118,7 +120,7 @@ def test_the_driver_follows_a_server_through_every_way_a_goal_can_end(graph: Gra
 
         graph.until(ended, f"goal {number} is {outcome}")
 
-    go(3.0, 4.0)
+    ours.serve()
     graph.until(lambda: ours.remaining is not None, "nav2 says how far it is")
     assert ours.remaining == pytest.approx(5.0)
     robot[:2] = 3.0, 4.0

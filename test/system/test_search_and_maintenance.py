@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Point, PoseStamped
 from harness import START, Graph
 from rclpy.action.client import ActionClient
 from rclpy.action.server import ActionServer
@@ -104,7 +104,7 @@ class House:
         message = WorldEvidence(sensor="camera")
         message.header.stamp, message.header.frame_id = time_message(self.stamp), "map"
         view = FieldOfView(range_min=0.0, range_max=1.5, horizontal_angle=2.0 * math.pi, vertical_angle=0.0)
-        view.pose.position.x, view.pose.position.y = float(self.pose[0]), float(self.pose[1])
+        view.pose.position = Point(x=float(self.pose[0]), y=float(self.pose[1]), z=0.7)
         view.pose.orientation.w = 1.0
         message.field_of_view = [view]
         message.objects = [self._detection(name) for name in self.visible()]

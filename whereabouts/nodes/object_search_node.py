@@ -189,6 +189,7 @@ class ObjectSearchNode(SuiteNode):
                 return
             pose = self._pose()
             state = self._latest.state
+            self._navigator.serve()
             if pose is not None and state is not None:
                 if place is not None:
                     result.distance += float(np.hypot(*(pose[:2] - place[:2])))

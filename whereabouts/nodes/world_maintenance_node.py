@@ -158,6 +158,7 @@ class WorldMaintenanceNode(SuiteNode):
     def _tick(self) -> None:
         pose, now = planar_pose(self.transforms, self._map_frame, self._base), self._now()
         self._notice_losses()
+        self._navigator.serve()
         if self._verifying and self._task is not None and self._unanswered():
             self.complain(f"{self._task.object_id}: the verifier does not answer", key="verifier")
             self._verified(self._task, None)

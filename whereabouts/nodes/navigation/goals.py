@@ -51,11 +51,12 @@ class Approach:
 
 @dataclass(eq=False)
 class _Drive:
-    """Where the robot is sent; `failed` is called where it cannot get there. again : tries left."""
+    """Where the robot is sent; `failed` is called where it cannot get there. again : tries left. sent : to nav2."""
 
     pose: PoseStamped
     failed: Callable[[], None]
     again: int = AGAIN
+    sent: bool = False
     handle: Any = None
 
 
@@ -94,7 +95,8 @@ class Navigator:
         return told | ({"nav2 last failure": self.reason} if self.reason else {})
 
     def go(self, pose: PoseStamped, failed: Callable[[], None] = lambda: None) -> bool:
-        """Send the robot; `failed` is called where nav2 refuses or cannot reach the goal. False where there is none.
+        """Send the robot; `failed` is called where nav2 refuses or cannot reach the goal. False where nav2 is not up:
+        `serve` sends the goal once it is.
 
         A goal that nav2 gives up with an error is sent once more: people step aside. One that it drops without an
         error has made way for somebody else's.
@@ -102,12 +104,16 @@ class Navigator:
         if self._client is None:
             return True
         self.stop()
+        self._drive = _Drive(pose, failed)
         if not self.ready:
             self.reason = "no node offers navigate_to_pose"
-            return False
-        self._drive = _Drive(pose, failed)
-        self._send(self._drive)
-        return True
+        self.serve()
+        return self._drive.sent
+
+    def serve(self) -> None:
+        """Send the goal that nav2 was not there for, if it is by now."""
+        if self._drive is not None and not self._drive.sent and self.ready:
+            self._send(self._drive)
 
     def stop(self) -> None:
         """Nobody wants the robot there any more."""
@@ -125,6 +131,7 @@ class Navigator:
     def _send(self, drive: _Drive) -> None:
         assert self._client is not None
         assert self._kind is not None
+        drive.sent = True
         goal = self._kind.Goal(pose=drive.pose)
         sent = self._client.send_goal_async(goal, feedback_callback=partial(self._heard, drive))
         sent.add_done_callback(partial(self._answered, drive))
