@@ -12,6 +12,7 @@ from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
 from whereabouts.simulation.home.floor_plan import Apartment
 from whereabouts.simulation.shapes import Array
+from world_model.tasks.maintenance_kernels import resampled
 
 CELL = 0.1
 """m, of the floor plan."""
@@ -205,8 +206,8 @@ class Driver:
         return True
 
     def _straightened(self, points: list[Array]) -> list[Array]:
-        """Without the corners that a straight line can leave out."""
-        kept, here = [], 0
+        """The same way by fewer corners, between places along it that can see each other."""
+        points, kept, here = list(resampled(np.array(points), CELL)), [], 0
         while here < len(points) - 1:
             there = len(points) - 1
             while there > here + 1 and not self._open(points[here], points[there]):
