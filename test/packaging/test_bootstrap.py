@@ -248,6 +248,14 @@ child.wait()
 """
 
 
+def is_running(pid: int) -> bool:
+    """Whether a process is there and is no corpse that nobody has fetched."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
 @pytest.mark.parametrize("ends", [KeyboardInterrupt, "SetUpError"])
 def test_what_runs_beside_ends_with_the_set_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends: type[BaseException] | str
@@ -274,6 +282,6 @@ def test_what_runs_beside_ends_with_the_set_up(
     assert bootstrap.main(["runtime"]) == (130 if error is KeyboardInterrupt else 1)
     assert time.monotonic() - started < 20.0
     pid = int(note.read_text())
-    while Path(f"/proc/{pid}/stat").exists() and Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z":
+    while is_running(pid):
         assert time.monotonic() - started < 20.0
         time.sleep(0.01)
