@@ -65,3 +65,20 @@ def test_a_mover_keeps_its_name_behind_something_whatever_the_setting(run: float
         assert told[20] == told[45] == told[-1] != set()
         # It is told of while it is missed for a moment.
         assert sum(names != set() for names in told[10:30]) >= 19
+
+
+@pytest.mark.parametrize(
+    ("reach", "opening"), [(1.3, 2.0 * np.pi), (0.5, 2.0 * np.pi), (6.0, 1.4), (6.0, 0.4), (6.0, 2.0 * np.pi)]
+)
+def test_things_beyond_the_stated_view_are_no_twins(reach: float, opening: float) -> None:
+    """Detectors report what lies farther away, or farther aside, than somebody said they would."""
+    model, rng, told = WorldModel(WorldModelConfig()), np.random.default_rng(1), set()
+    view = {"pose": (0.0, 0.0, 0.7, 0.5 * np.pi), "range": reach, "angle": opening}
+    for k in range(150):
+        places = np.array([[1.0, 1.0, 0.7], [-1.0, 4.0, 0.7]]) + 0.03 * rng.standard_normal((2, 3))
+        things = [
+            ObjectEvidence(place, 9e-4 * np.eye(3), {"class": {name: 1.0}})
+            for name, place in zip(("cup", "bed"), places, strict=True)
+        ]
+        told |= {item.id for item in model.update(WorldEvidence(things, view), 1000.0 + 0.1 * k).objects}
+    assert len(told) == 2

@@ -18,6 +18,20 @@ from world_model.anchoring.loops.leaves import MOVING, REST
 
 RECENT = 0.5  # s: a sensor does not move far in this time
 OUT_OF_GATE = -60.0  # log density below which a detection is of something else
+OUTSIDE = 2.5  # standard deviations outside of the stated view from which on a detection contradicts it
+BESIDE = 3.0  # standard deviations within which it does so
+
+
+@numba.njit(cache=True)
+def _inside(position, sensor):  # type: ignore[no-untyped-def]
+    """How far inside the field of view a position is, level or not, m."""
+    return min(clearance(position, sensor, np.bool_(False)), clearance(position, sensor, np.bool_(True)))
+
+
+@numba.njit(cache=True)
+def _square(a, b):  # type: ignore[no-untyped-def]
+    """Squared distance of two positions, m²."""
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
 
 
 @numba.njit(cache=True)
@@ -26,12 +40,17 @@ def touch(leaves, active, seen, spread, sensor, known, silent, motion):  # type:
 
     active (N,) rows in use; spread (M,) largest standard deviation of each detection, m; sensor as in
     `clearance`, used where `known`; `silent` where absence means nothing. A look made some time ago says nothing
-    about the absence of what has been seen since, nor of what moves. Returns their rows (n,), and the probability
-    (n,) that being there would have meant being in view.
+    about the absence of what has been seen since, nor of what moves. Beside a detection that lies outside of the
+    stated view the sensor sees nevertheless. Returns their rows (n,), and the probability (n,) that being there would
+    have meant being in view.
     """
     stamp, lag, positions = seen.stamp, seen.lag, seen.positions
     chosen, clear, count = np.empty(active.size, np.int64), np.empty(active.size), 0
     wider, x = sensor.copy(), np.empty(3)
+    beyond = np.zeros(positions.shape[0], np.bool_)
+    if known and not silent:
+        for j in range(positions.shape[0]):
+            beyond[j] = _inside(positions[j], sensor) < -OUTSIDE * spread[j]
     for k in range(active.size):
         i = active[k]
         pi = leaves.behavior[i]
@@ -62,17 +81,17 @@ def touch(leaves, active, seen, spread, sensor, known, silent, motion):  # type:
                 wider[5] = sensor[5]
                 if leaves.hits[i] < SETTLED_HITS and stamp - leaves.last[i] < RECENT:
                     wider[5] += margin * sigma + 0.06
-                inside = np.inf
-                for planar in (False, True):
-                    inside = min(inside, clearance(x, wider, planar))
-                view = min(max((inside - margin * sigma - 0.01) / 0.05, 0.0), 1.0)
+                view = min(max((_inside(x, wider) - margin * sigma - 0.01) / 0.05, 0.0), 1.0)
+                for j in range(positions.shape[0]):
+                    limit = BESIDE * (sigma + spread[j])
+                    if beyond[j] and _square(x, positions[j]) < limit * limit:
+                        view = 1.0
         # What may begin to move while it is looked for is found a little farther away.
         reach = 6.0 * sigma + (0.0 if moves else motion[row, 3] * min(dt, 0.5) * 3.0)
         near = False
         for j in range(positions.shape[0]):
-            dx, dy, dz = positions[j, 0] - x[0], positions[j, 1] - x[1], positions[j, 2] - x[2]
             limit = reach + 6.0 * spread[j]
-            if dx * dx + dy * dy + dz * dz < limit * limit:
+            if _square(x, positions[j]) < limit * limit:
                 near = True
                 break
         if near or view > 0.0 or moves:
