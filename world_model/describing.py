@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from world_model.state import WorldObject
+from world_model.state import SURE, WorldObject
 
-SURE = 0.9  # Probability from which on a class is said without it, and an answer without "probably"
 LIKELY = 0.5  # up to it no class and no colour is said: another is as likely
 COLOR = "color"
 

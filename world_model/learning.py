@@ -21,11 +21,10 @@ from world_model.anchoring.unseen import sensor_array
 from world_model.config import WorldModelConfig
 from world_model.evidence import SensorCone, WorldEvidence
 from world_model.model import WorldModel
-from world_model.state import WorldObject
+from world_model.state import SURE, WorldObject
 
 FEWEST_LOOKS = 20
 MARGIN = 0.15  # m inside the field of view from which an object must have been visible
-SURELY = 0.9  # of a camera's view: from here on an object must have been visible
 SETTLED_SECONDS = 2.0  # what appears later than this after the first look is new
 
 
@@ -121,7 +120,7 @@ def _must_be_visible(item: WorldObject, view: FloatArray | None, evidence: World
         return False
     if evidence.view is not None:
         spread = np.sqrt(np.asarray(item.covariance).diagonal().max(keepdims=True))
-        return bool(evidence.view.seen(item.position[None], spread, np.array([np.nan]))[0] > SURELY)
+        return bool(evidence.view.seen(item.position[None], spread, np.array([np.nan]))[0] > SURE)
     if view is None:
         return len(evidence.objects) > 0
     return min(clearance(item.position, view, True), clearance(item.position, view, False)) > MARGIN

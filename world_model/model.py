@@ -335,7 +335,7 @@ class WorldModel:
     def sensor_bias(self) -> tuple[float, ...]:
         """What the sensor's systematic errors are found to be: offset (m), scale, depth, turn, lean (rad), stretch,
         bend (1/rad), delay (s)."""
-        return tuple(self.anchoring.calibration.values.tolist())
+        return tuple(self.anchoring.calibration.bias.values.tolist())
 
     @property
     def health(self) -> dict[str, float]:

@@ -15,6 +15,7 @@ DAY, HOUR = 86400.0, 3600.0  # s
 PERSON = "person"  # A class that moves by itself: it has no usual place
 OUTCOMES = ("found", "occluded", "not_found")  # Of a verification
 BELIEVED = 0.5  # Existence below which something is not told of as being there
+SURE = 0.9  # Probability from which on something is taken for certain, and said without it
 MOVED_ON = "moved_on"
 """Predicate of what nobody has seen for a while and has probably gone its way since: `place` says where it is now."""
 

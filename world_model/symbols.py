@@ -13,20 +13,110 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from estimation.errors import InputError
 from estimation.geometry.polygons import interval_mass
 from world_model.evidence import Distribution
-from world_model.symbols_file import Interval, Predicate, Quantity, read_relations
 
 Gaussian = tuple[float, float]  # Mean and variance of one quantity, SI units
 OPEN_END = 0.5
 """An interval without upper end is taken to be this much of its lower end wide, where a distribution is asked for."""
 SYMBOL = re.compile(r"(.+)-(\d+)")
+Interval = Annotated[list[float], Field(min_length=2, max_length=2)]
+"""From, to."""
+DEGREE = math.pi / 180.0
+
+
+def _several(given: Any) -> Any:
+    """One interval as a list of them."""
+    one = isinstance(given, list) and not any(isinstance(part, list) for part in given)
+    return [given] if one else given
+
+
+class _Checked(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Quantity(_Checked):
+    """A number that is measured, in SI units, degrees in the file being radians. period : where it wraps around, None
+    where it does not. range : what values it can have."""
+
+    unit: str = ""
+    period: float | None = Field(None, gt=0.0, allow_inf_nan=False)
+    range: Interval = Field(default_factory=lambda: [-math.inf, math.inf])
+
+    @model_validator(mode="after")
+    def _in_units(self) -> Quantity:
+        if self.period is not None and self.unit == "degree":
+            self.period *= DEGREE
+        self.range = self.interval("range", self.range)
+        return self
+
+    def interval(self, where: str, given: Interval) -> Interval:
+        """An interval of the file in SI units. Raises InputError where it does not ascend."""
+        low, high = (value * DEGREE if self.unit == "degree" else value for value in given)
+        if self.period is not None and low > high:
+            high += self.period
+        if not low < high:
+            raise InputError(f"{where}: [from, to] ascending expected, got {given!r}")
+        return [low, high]
+
+
+class Predicate(_Checked):
+    """One grounding relation g: `where`, intervals by quantity; `any` of other symbols; or neither, for a value of the
+    discrete `attribute` only."""
+
+    attribute: str = ""
+    where: dict[str, Annotated[list[Interval], BeforeValidator(_several)]] = Field(default_factory=dict)
+    any: list[str] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Predicate:
+        if self.any and (self.attribute or self.where):
+            raise InputError("either any, or attribute and where")
+        if not self.any and not self.attribute:
+            raise InputError("an attribute expected")
+        return self
+
+
+class GroundingFile(_Checked):
+    """A checked file: quantities, the quantities of measured vectors, predicates, each by name."""
+
+    quantities: dict[str, Quantity] = Field(default_factory=dict)
+    vectors: dict[str, Annotated[list[str], Field(min_length=1)]] = Field(default_factory=dict)
+    predicates: dict[str, Predicate] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _complete(self) -> GroundingFile:
+        for name, parts in self.vectors.items():
+            for part in parts:
+                self.quantity(f"vector {name!r}", part)
+        for name, predicate in self.predicates.items():
+            for key, intervals in predicate.where.items():
+                where = f"predicate {name!r}, {key}"
+                quantity = self.quantity(where, key)
+                predicate.where[key] = [quantity.interval(where, each) for each in intervals]
+            self._check_acyclic(name, ())
+        return self
+
+    def quantity(self, where: str, name: str) -> Quantity:
+        """Raises InputError where the file has none of this name."""
+        if name not in self.quantities:
+            known = ", ".join(self.quantities) or "none"
+            raise InputError(f"{where}: unknown quantity {name!r}; known are {known}")
+        return self.quantities[name]
+
+    def _check_acyclic(self, name: str, above: tuple[str, ...]) -> None:
+        if name in above:
+            raise InputError(f"predicate {name!r} is defined by itself")
+        for part in self.predicates[name].any:
+            if part in self.predicates:
+                self._check_acyclic(part, (*above, name))
 
 
 @dataclass(frozen=True)
@@ -45,7 +135,7 @@ class Symbols:
     """
 
     def __init__(self, given: Mapping[str, Any]) -> None:
-        self._relations = read_relations(given)
+        self._relations = _read_relations(given)
         self.predicates = self._relations.predicates
 
     @classmethod
@@ -248,3 +338,16 @@ def _moments(intervals: Iterable[Interval]) -> Gaussian:
     centres = np.array([0.5 * (low + high) for low, high in bounds])
     mean = float(share @ centres)
     return mean, float(share @ (lengths**2 / 12 + (centres - mean) ** 2))
+
+
+def _read_relations(given: Any) -> GroundingFile:
+    """Check what a file holds. Raises InputError naming symbol and field."""
+    try:
+        return GroundingFile.model_validate(given)
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        said = wrong["msg"].removeprefix("Value error, ").removesuffix(" or instance of GroundingFile")
+        if wrong["type"] != "value_error":
+            said += f", got {wrong['input']!r}"
+        where = ".".join(map(str, wrong["loc"])) or "predicates"
+        raise InputError(f"{where}: {said}") from error

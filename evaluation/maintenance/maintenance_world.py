@@ -15,8 +15,8 @@ import numpy as np
 from estimation.errors import InputError
 from evaluation.maintenance.maintenance_world_kernels import Belief, RunRule, SimulatedRoom, run
 from world_model.tasks.looks import Sensor
-from world_model.tasks.maintenance_config import MaintenanceConfig
 from world_model.tasks.maintenance_kernels import shortest_way
+from world_model.tasks.maintenance_options import MaintenanceConfig
 
 Array = np.ndarray
 

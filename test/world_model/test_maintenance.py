@@ -13,9 +13,8 @@ from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from world_model.state import WorldObject, WorldState
 from world_model.tasks.looks import Sensor
-from world_model.tasks.maintenance import Maintenance, MaintenanceConfig, Trigger
+from world_model.tasks.maintenance import Maintenance, MaintenanceConfig, Trigger, warm_up
 from world_model.tasks.maintenance_kernels import looks_along, path_gain, shortest_way, single_gains
-from world_model.tasks.maintenance_warm_up import warm_up
 
 CAMERA = Sensor("camera", 0.4, 2.0, 0.01 * np.eye(3))
 LASER = Sensor("laser", 0.1, 8.0, 0.04 * np.eye(3))

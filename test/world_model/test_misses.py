@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
-from world_model.anchoring.misses import detector_table
+from world_model.config import detector_table
 
 REGION = ((-30.0, 30.0), (-5.0, 5.0), (-1.0, 1.0))
 

@@ -8,8 +8,7 @@ import pytest
 from estimation.errors import InputError
 from world_model import ObjectEvidence, WorldEvidence, WorldModel, WorldModelConfig
 from world_model.calibration.sensor_bias import CONSTANT, PRIOR, QUICK, SECONDS, SLOW, basis, rates
-from world_model.calibration.sensor_errors import SensorErrors
-from world_model.calibration.sensor_evidence import SensorEvidence
+from world_model.calibration.sensor_errors import SensorErrors, SensorEvidence
 from world_model.calibration.sensor_filter import SensorFilter, error_basis
 from world_model.calibration.sensor_worlds import SensorDetections, SensorWorlds
 

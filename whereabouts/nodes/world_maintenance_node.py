@@ -50,7 +50,7 @@ from whereabouts_msgs.srv import TriggerVerification
 from world_model import Maintenance, VerificationTask, WorldState
 from world_model.describing import named
 from world_model.tasks.growth import Growth
-from world_model.tasks.maintenance_warm_up import warm_up
+from world_model.tasks.maintenance import warm_up
 
 Array = NDArray[np.float64]
 # Sizes that are added to the 95 % region of a position, as objects are no points.

@@ -9,8 +9,8 @@ import numpy as np
 
 from whereabouts.viewer.drawable import Boxes, Color, Lines, Points, Shape, TextNote, Value
 from whereabouts.viewer.fields import matrix_of, most_probable, rows, xyz
-from world_model.describing import LIKELY, SURE
-from world_model.state import MOVED_ON
+from world_model.describing import LIKELY
+from world_model.state import MOVED_ON, SURE
 
 PRESENT: Color = (40, 120, 210)
 LOST: Color = (215, 60, 60)

@@ -20,10 +20,9 @@ from world_model.anchoring.loops.branching import presence, same_worlds
 from world_model.anchoring.loops.clusters import Cluster, Track, combined
 from world_model.anchoring.loops.expansion import components, unify
 from world_model.anchoring.loops.leaves import AWAY, MOVING, REST, IntArray, Leaves, Pool, leaves_in
-from world_model.anchoring.misses import detector_table
 from world_model.anchoring.touching import Rounds
 from world_model.anchoring.unseen import Unseen
-from world_model.config import WorldModelConfig, motion_table
+from world_model.config import WorldModelConfig, detector_table, motion_table
 from world_model.evidence import Distribution
 from world_model.predictions import Course
 from world_model.state import WorldObject

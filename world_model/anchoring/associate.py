@@ -25,9 +25,9 @@ from world_model.anchoring.occlusion import free, hide, restrict
 from world_model.anchoring.touching import TOUCHING, sharing, touched_by
 from world_model.anchoring.unseen import sensor_array
 from world_model.evidence import Measurements
+from world_model.state import BELIEVED
 
 BURST = 1e-3  # Probability that a look finds new objects in company: a cupboard was opened, a room entered
-COVERED = 0.5  # Probability of being hidden within the view from which on a mover counts as hidden
 COMPANY = 10.0  # How many they are then, mean
 NOBODY = Movers(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.int64), 0.0)
 
@@ -109,7 +109,7 @@ class Association:
         told = view is not None and view.depth is not None
         if measured.sensor is not None and not measured.silent and not told:
             hide(self.anchors.leaves, chosen, clear, sensor, quantities)
-        self._cover(chosen, in_cone - clear > COVERED)
+        self._cover(chosen, in_cone - clear > BELIEVED)
 
     def _cover(self, slots: IntArray, covered: npt.NDArray[np.bool_]) -> None:
         """Movers that something else hides are looked for, and shown for as long as it is known where they are."""

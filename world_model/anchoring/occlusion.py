@@ -10,9 +10,9 @@ from estimation.checks import FloatArray
 from world_model.anchoring.attributes import FLATTEST, Quantities
 from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, Leaves
 from world_model.camera.camera_view import CameraView
+from world_model.state import SURE
 
 SMALL = 0.05  # m: width and height of an object whose size is not known
-SURELY = 0.9
 FARTHEST = 3.0  # Standard deviations beyond a body at which nothing is within it
 LEAST_SIGMA = 0.01
 
@@ -25,14 +25,14 @@ def hide(
     sensor (8,) as in `clearance`. What covers is surely there, and of a size that was measured.
     """
     here = leaves.behavior[:, REST] + leaves.behavior[:, MOVING]
-    covers = np.flatnonzero((leaves.track >= 0) & (here > SURELY))
+    covers = np.flatnonzero((leaves.track >= 0) & (here > SURE))
     covers = covers[quantities.told(leaves, covers, "size")[1]]
     index = np.flatnonzero(clear > 0.0)
     slots = chosen[index]
     if len(covers) == 0 or len(slots) == 0:
         return
-    off, variance = _seen_from(sensor, leaves, slots)
-    front, spread = _seen_from(sensor, leaves, covers)
+    (off, variance), (front, spread) = spots(leaves, slots), spots(leaves, covers)
+    off, front = off - sensor[:3], front - sensor[:3]
     own = np.full((2, len(leaves.track)), SMALL)
     own[:, covers] = extents(leaves, covers, quantities)
     distance = np.maximum(np.hypot(off[:, 0], off[:, 1]), 1e-9)[:, None]
@@ -49,12 +49,6 @@ def hide(
         half = 0.5 * share * side[slots, None] + blur
         covered *= np.clip((0.5 * side[covers] + half - away) / (2.0 * half), 0.0, 1.0)
     clear[index] *= (1.0 - covered).prod(1)
-
-
-def _seen_from(sensor: FloatArray, leaves: Leaves, slots: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Where leaves most probably are from a sensor (n, 3), m, and the largest variance of that (n,), m²."""
-    middle, variance = spots(leaves, slots)
-    return middle - sensor[:3], variance
 
 
 def restrict(

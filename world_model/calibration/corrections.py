@@ -47,11 +47,6 @@ class Corrections:
         self.bias.reset()
         self.looks.clear()
 
-    @property
-    def values(self) -> FloatArray:
-        """Constant errors (8,), see `sensor_bias`."""
-        return self.bias.values
-
     def corrected(self, measured: Measurements, stamp: float) -> Measurements:
         """Detections of a look at a stamp, s, without the errors that the sensor is known to have."""
         self._said = None

@@ -19,7 +19,7 @@ from world_model.camera.boxes import ImageBox
 from world_model.camera.depth import DepthImage, LevelScan
 from world_model.camera.lens import CameraModel
 from world_model.camera.rates import SightRates
-from world_model.state import WorldObject
+from world_model.state import SURE, WorldObject
 
 SIZE = 0.1  # m: of things whose size nobody measured. Small: less is concluded then.
 NEAR = 0.2  # m: nearer nothing is recognised
@@ -31,8 +31,7 @@ SLACK, FRONT, SURELY = 0.02, 0.3, 2.5
 """m, share of its size, and deviations (its position's and the depth's): what is in front of the middle of an object by
 less than these together does not hide it."""
 LEAST, FULL = 0.5, 0.9  # Shares of an object in view that say nothing, and all, about its absence
-RESTING, IN_VIEW = 0.9, 0.6
-"""Probabilities of resting, and of having been in view, from which on a look says how good the detector is."""
+IN_VIEW = 0.6  # Probability of having been in view from which on a look says how good the detector is
 KNOWN = 5  # Of all samples; fewer with a depth say nothing
 
 
@@ -92,7 +91,7 @@ class CameraView:
     ) -> None:
         """How the detector did: objects believed in, whose each detection (M,) was, and its class distribution."""
         self.rates.forget(item.id for item in objects if item.lost)
-        resting = [item for item in objects if item.behaviors.get("constant_position", 0.0) > RESTING]
+        resting = [item for item in objects if item.behaviors.get("constant_position", 0.0) > SURE]
         if resting:
             positions = np.array([item.position for item in resting])
             sigmas = np.sqrt(np.array([np.max(np.diagonal(item.covariance)) for item in resting]))

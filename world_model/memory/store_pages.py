@@ -32,10 +32,9 @@ CODES = ("0s", "b", "h", "3s", "i", "6s", "q", "d", "0s", "0s")
 """Of the values of serial types 0 to 9, for `struct`."""
 OTHERS = (0, 3, 5, 8, 9)
 """Those that it does not know: nothing, integers of 3 and 6 bytes, 0, 1."""
-_WIDTHS = {len(table.kinds) + 1 for table in TABLES.values()}
-_BY_WIDTH = {
-    width: [table for table in TABLES.values() if len(table.kinds) + 1 == width] for width in _WIDTHS
-}
+_BY_WIDTH: dict[int, list[StoreTable]] = {}
+for _table in TABLES.values():
+    _BY_WIDTH.setdefault(len(_table.kinds) + 1, []).append(_table)
 # How a record begins: the size of its head, and the type of the key, which is not in it but before it.
 _RECORD = re.compile(rb"[\x05-\x40]\x00")
 Found = tuple[StoreTable | None, Row]

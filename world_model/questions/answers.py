@@ -9,7 +9,8 @@ from datetime import datetime
 from typing import Any
 
 from estimation.errors import InputError
-from world_model.describing import LIKELY, SURE
+from world_model.describing import LIKELY
+from world_model.state import SURE
 
 _UNPRINTABLE = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]+")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from world_model.describing import LIKELY, SURE
+from world_model.describing import LIKELY
 from world_model.memory.routines import Routines
 from world_model.memory.stays import Timeline, routines_of
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
@@ -14,10 +14,9 @@ from world_model.questions.moments import Span, moment
 from world_model.questions.naming import described, one_named, place_named, spoken, where_words
 from world_model.questions.recall import Recall, Trust, ranked, remembered
 from world_model.questions.where import is_at, objects_at, places_of, where_usually
-from world_model.state import DAY, most_probable
+from world_model.state import BELIEVED, DAY, SURE, most_probable
 
 LEAST_DAYS = 2.0
-USUAL = 0.5
 AHEAD = 2 * 3600.0
 
 
@@ -32,9 +31,9 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
         line.id: world.inside(where, line.shares(start, world.now, absent=True)) for line in _all_weeks(world)
     }
     shares = {name: inside[name] for name in inside if inside[name] > Trust.NAMED}
-    usual = [name for name in ranked(shares) if shares[name] >= USUAL]
+    usual = [name for name in ranked(shares) if shares[name] >= BELIEVED]
     named = [f"{described(world, name)} ({100 * shares[name]:.0f} % of the time)" for name in usual]
-    others = [name for name in ranked(shares) if shares[name] < USUAL]
+    others = [name for name in ranked(shares) if shares[name] < BELIEVED]
     now_and_then = [f"{described(world, name)} ({100 * shares[name]:.0f} %)" for name in others[:4]]
     at = spoken(world, where)
     sentence = f"Usually {at}: {listed(named)}" if named else f"Nothing is usually {at}"
@@ -47,7 +46,7 @@ def what_is_usually_here(world: Recall, place: str) -> Answer:
 
 def _certain(share: float) -> float:
     """That a share found to be above or below one half is."""
-    return 1.0 - 0.5 * math.exp(-40.0 * abs(share - USUAL))
+    return 1.0 - 0.5 * math.exp(-40.0 * abs(share - BELIEVED))
 
 
 def what_is_needed_next(world: Recall, ahead: float = AHEAD) -> Answer:
@@ -101,9 +100,9 @@ def will_be_at(world: Recall, what: str, place: str, when: Span) -> Answer:
     expected = {str(answer.value): answer.probability}
     expected |= {str(other["place"]): float(other["probability"]) for other in answer.alternatives}
     p = world.inside(where, expected)
-    sentence = f"{'Yes' if p >= USUAL else 'No'}, {told(max(p, 1.0 - p))}: {answer.sentence}"
+    sentence = f"{'Yes' if p >= BELIEVED else 'No'}, {told(max(p, 1.0 - p))}: {answer.sentence}"
     return replace(
-        answer, kind="will_be_at", value=p >= USUAL, probability=max(p, 1.0 - p), sentence=sentence
+        answer, kind="will_be_at", value=p >= BELIEVED, probability=max(p, 1.0 - p), sentence=sentence
     )
 
 
@@ -122,7 +121,7 @@ def what_is_out_of_place(world: Recall) -> Answer:
         name = line.id
         shares, there = line.shares(start, world.now), world.latest(name).at(world.now)[0]
         usual = most_probable(shares)
-        if usual and shares[usual] >= USUAL and there and world.inside(usual, there) < USUAL:
+        if usual and shares[usual] >= BELIEVED and there and world.inside(usual, there) < BELIEVED:
             found[name] = usual
     parts = [
         f"{described(world, name)} is {where_words(world, name).removeprefix('last ')}, usually {spoken(world, usual)}"

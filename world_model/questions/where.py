@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimation.checks import FloatArray
-from world_model.describing import SURE
 from world_model.memory.stays import ObjectStay, Timeline
 from world_model.questions.answers import (
     Answer,
@@ -40,7 +39,7 @@ from world_model.questions.naming import (
     things_named,
 )
 from world_model.questions.recall import Recall, Trust, ranked
-from world_model.state import BELIEVED, DAY, PERSON, most_probable
+from world_model.state import BELIEVED, DAY, PERSON, SURE, most_probable
 
 HIDDEN = 0.89  # The most that is told of a place where something was not seen: it is never told as sure
 LATELY = 6 * 3600.0  # s: what went from where it was no longer ago may be where it usually goes then

@@ -12,10 +12,10 @@ from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.grid_paths import GridPaths
 from estimation.geometry.places import Place, Places
 from world_model.tasks.maintenance_kernels import resampled
+from world_model.tasks.ways import CLEARANCE
 
 IntArray = npt.NDArray[np.int64]
 CELL = 0.5  # metres
-CLEARANCE = 0.25  # metres
 MARGIN = 2.0  # metres
 # On a floor nobody knows, metres: seen well enough to know its furniture, and how fast what is beyond becomes unlikely;
 # how far it may go on beyond what has been seen; between candidates, of which there are MOST along a side at most.

@@ -16,6 +16,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +26,16 @@ from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from world_model.state import OUTCOMES, WorldObject, WorldState
 from world_model.tasks.looks import FARTHEST, Looks, Sensor, looks_at
-from world_model.tasks.maintenance_config import MaintenanceConfig
 from world_model.tasks.maintenance_kernels import single_gains
-from world_model.tasks.maintenance_options import TOUR, Option, View, looked_at_now, options, tour
+from world_model.tasks.maintenance_options import (
+    TOUR,
+    MaintenanceConfig,
+    Option,
+    View,
+    looked_at_now,
+    options,
+    tour,
+)
 from world_model.tasks.ways import Ways
 
 __all__ = ["Maintenance", "MaintenanceConfig", "Trigger", "VerificationTask"]
@@ -349,3 +357,17 @@ def _triggers(given: Sequence[Trigger | str]) -> list[Trigger]:
     for wanted in triggers:
         require_kind("triggers", wanted, Trigger)
     return triggers
+
+
+@cache
+def warm_up() -> None:
+    """Compile what maintenance runs, once per process: a throw-away one plans without a map and around one."""
+    objects = tuple(
+        WorldObject(str(k), np.array([1.0 + k, 1.0, 0.0]), np.zeros(3), np.eye(3), {}, 1.0, False, 0.0)
+        for k in range(3)
+    )
+    grid = OccupancyGrid.from_values(np.zeros((50, 50), dtype=np.int64), 0.1)
+    for floor in (None, grid):
+        maintenance = Maintenance(MaintenanceConfig(information_gain_threshold=0.1))
+        pose, sensor = np.array([0.5, 1.0, 0.0]), Sensor("any", 0.1, 0.5, 0.01 * np.eye(3))
+        maintenance.next_task(WorldState(objects, 1.0, 3.0, 0.0), pose, [sensor], grid=floor)

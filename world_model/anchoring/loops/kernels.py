@@ -28,7 +28,6 @@ STRAINED = 8.0  # mean squared Mahalanobis distance, 2 or 3 expected, from which
 TURNS = 0.01  # probability of that at any look
 UNSEEN = 0.1  # s: who was not seen for longer may be anywhere near
 ATTRIBUTE_FLOOR = 1e-4
-LOG_2PI_3 = 3.0 * np.log(2.0 * np.pi)
 
 
 @numba.njit(cache=True)
@@ -174,7 +173,7 @@ def log_gauss(dx, dy, dz, S, inverse):  # type: ignore[no-untyped-def]
         + inverse[2, 2] * dz * dz
         + 2.0 * (inverse[0, 1] * dx * dy + inverse[0, 2] * dx * dz + inverse[1, 2] * dy * dz)
     )
-    return -0.5 * (d2 + np.log(determinant) + LOG_2PI_3)
+    return -0.5 * (d2 + np.log(determinant) + 3.0 * np.log(2.0 * np.pi))
 
 
 @numba.njit(cache=True)
@@ -298,7 +297,7 @@ def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no
     if pi[REST] > 0.0:
         for k in range(3):
             off[k] = z[k] + lag * leaves.led[i, k] - leaves.rest[i, k]
-        _correct_rest(leaves.rest[i], leaves.rest_cov[i], off, R, S, inverse)
+        _update(leaves.rest[i], leaves.rest_cov[i], off, R, 0.0)
     if pi[MOVING] > 0.0:
         moves = pi[MOVING] > pi[REST] and leaves.hits[i] >= SETTLED_HITS and lag <= 0.0
         if moves and leaves.together[i] == 0 and leaves.strain[i] >= 0.0:
@@ -312,7 +311,7 @@ def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no
                 leaves.strain[i] = 0.0
         for k in range(3):
             off[k] = z[k] - leaves.moving[i, k] + lag * leaves.moving[i, k + 3]
-        _correct_moving(leaves.moving[i], leaves.moving_cov[i], off, R, lag, S, inverse)
+        _update(leaves.moving[i], leaves.moving_cov[i], off, R, lag)
     pi[REST], pi[MOVING], pi[AWAY], pi[NONE] = a / (a + b), b / (a + b), 0.0, 0.0
     leaves.visible[i] = 1.0
     leaves.last[i] = max(stamp, leaves.last[i])
@@ -323,36 +322,20 @@ def correct(leaves, i, z, R, lag, likelihood, blocks, stamp):  # type: ignore[no
 
 
 @numba.njit(cache=True)
-def _correct_rest(x, P, off, R, S, inverse):  # type: ignore[no-untyped-def]
-    """Kalman update of the constant-position filter, measured `off` (3,) from where it is; H is the identity."""
-    innovation(P, R, 0.0, S)
-    inverse_3x3(S, inverse)
-    gain = P @ inverse
-    step(x, P, gain @ off, gain @ P)
-
-
-@numba.njit(cache=True)
-def _correct_moving(x, P, off, R, lag, S, inverse):  # type: ignore[no-untyped-def]
-    """Kalman update of the constant-velocity filter with a position `lag` seconds ago, measured `off` (3,) from where
-    it was; H = [I, -lag I]."""
+def _update(x, P, off, R, lag):  # type: ignore[no-untyped-def]
+    """Kalman update, in place, of a filter (3,) or (6,) with a position `lag` seconds ago, measured `off` (3,) from
+    where it was; H = [I, -lag I]."""
+    S, inverse, PH = np.empty((3, 3)), np.empty((3, 3)), P[:, :3].copy()
     innovation(P, R, lag, S)
     inverse_3x3(S, inverse)
-    PH = np.empty((6, 3))
-    for a in range(6):
-        for b in range(3):
-            PH[a, b] = P[a, b] - lag * P[a, b + 3]
+    if x.size == 6:
+        PH -= lag * P[:, 3:]
     gain = PH @ inverse
-    step(x, P, gain @ off, gain @ PH.T)
-
-
-@numba.njit(cache=True)
-def step(x, P, moved, known):  # type: ignore[no-untyped-def]
-    """A mean moves on, and its covariance shrinks by what is known now, in place."""
+    x += gain @ off
+    P -= gain @ PH.T
     for a in range(x.size):
-        x[a] += moved[a]
-        for b in range(x.size):
-            P[a, b] -= known[a, b]
-    symmetric(P)
+        for b in range(a):
+            P[a, b] = P[b, a] = 0.5 * (P[a, b] + P[b, a])
 
 
 @numba.njit(cache=True)
@@ -367,14 +350,6 @@ def turned(x, P, since):  # type: ignore[no-untyped-def]
             P[a, a + 3] += unseen * square
             P[a + 3, a] = P[a, a + 3]
             P[a + 3, a + 3] += square
-
-
-@numba.njit(cache=True)
-def symmetric(P):  # type: ignore[no-untyped-def]
-    for a in range(P.shape[0]):
-        for b in range(a):
-            P[a, b] = 0.5 * (P[a, b] + P[b, a])
-            P[b, a] = P[a, b]
 
 
 @numba.njit(cache=True)
