@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from registration.laser.scan import FARTHEST, Scan
 from whereabouts.messages.message_rotations import rotation_of, to_plane
@@ -20,8 +21,6 @@ from whereabouts.messages.records import (
     TransformRecord,
     strip_slash,
 )
-
-Array = NDArray[np.float64]
 
 # sensor_msgs/PointField: number of a type to numpy's letter for it.
 POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}

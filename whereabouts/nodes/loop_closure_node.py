@@ -14,9 +14,9 @@ from typing import ClassVar
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry as OdometryMessage
-from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan, PointCloud2
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.poses import compound, pose_from_matrix, pose_to_matrix
 from loop_closure.graph.smoother_process import SmootherProcess
@@ -47,7 +47,6 @@ from whereabouts.nodes.ros.footprint import settle
 from whereabouts.parameters.loop_closure import LoopClosureParameters
 from whereabouts_msgs.msg import LoopClosure
 
-Array = NDArray[np.float64]
 REMEMBERED = 200  # odometry messages kept for their covariance
 SURE_SIGMA = 1.0  # metres, of an initial pose that comes without a covariance
 

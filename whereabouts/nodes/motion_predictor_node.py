@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
-from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from tracking.intentions import IntentionModel, Prediction
@@ -46,7 +46,6 @@ from whereabouts.system.state_files import keep_foreign
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.srv import LoadState, Reset, SaveState
 
-Array = NDArray[np.float64]
 TRACK_TIMEOUT = 2.0  # seconds without an observation after which a track has ended, and is learned
 PERSON_PROBABILITY = 0.3  # what is less probably a person is left out
 OCCUPIED_FROM = 65  # cells of the map at or above this are obstacles

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
-from numpy.typing import NDArray
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from whereabouts.nodes.messages.markers import colour, marker, point
 from whereabouts.nodes.messages.packed import Packed
@@ -39,7 +39,6 @@ from world_model import ObjectSearch, Relations, SearchStep, WorldObject, WorldS
 from world_model.describing import named
 from world_model.state import MOVED_ON
 
-Array = NDArray[np.float64]
 LEARN_PERIOD = NANOSECONDS  # what is first seen within a second was there at the same time
 LOOK = 0.5  # s, by the stamps of the world, that a robot looks around at a goal before it is a dead end
 

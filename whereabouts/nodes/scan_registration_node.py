@@ -11,11 +11,11 @@ from functools import partial
 
 import numpy as np
 from nav_msgs.msg import Odometry as OdometryMessage
-from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan, PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.poses import (
     compound,
@@ -54,7 +54,6 @@ from whereabouts.nodes.ros.inputs import Input
 from whereabouts.parameters.scan_registration import ScanRegistrationParameters
 from whereabouts_msgs.msg import ScanSegments
 
-Array = NDArray[np.float64]
 # A scan of a further sensor that is older than this says too little about now, ns, and wheel odometry, s.
 OTHERS_AGE = NANOSECONDS // 2
 WHEEL_AGE = 0.5

@@ -11,14 +11,13 @@ import time
 from collections import deque
 from typing import cast
 
-import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.pose_drift import PoseUncertainty
 from registration.laser.mounting import level_pose, upright
@@ -39,7 +38,6 @@ from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.parameters.target_tracker import TargetTrackerParameters
 from whereabouts_msgs.msg import TargetArray
 
-Array = NDArray[np.float64]
 DRIFT_WINDOW = 30.0  # seconds over which the drift of odometry counts
 TRAIL = 10 * NANOSECONDS  # of the markers
 

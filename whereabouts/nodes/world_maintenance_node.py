@@ -17,9 +17,9 @@ import numpy as np
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
-from numpy.typing import NDArray
 from std_msgs.msg import Bool, Header
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.rotations import wrap_scalar
@@ -52,7 +52,6 @@ from world_model.describing import named
 from world_model.tasks.growth import Growth
 from world_model.tasks.maintenance_warm_up import warm_up
 
-Array = NDArray[np.float64]
 # Sizes that are added to the 95 % region of a position, as objects are no points.
 BODY = np.array([0.3, 0.3, 0.3])
 LOOKS_BEFORE_LOST = 2  # observations in vain, each from nearer, after which an object is lost

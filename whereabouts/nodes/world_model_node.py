@@ -12,7 +12,6 @@ import time
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from vision_msgs.msg import Detection2DArray, Detection3DArray
 
@@ -36,7 +35,6 @@ from world_model.memory.store import RETRY, Store
 from world_model.predictions import Path
 from world_model.queries import Words
 
-Array = NDArray[np.float64]
 # A target this far from where its object was is somebody else: m, and m/s since.
 HINT_DISTANCE, WALKING_SPEED = 1.0, 2.0
 # Targets are filtered: those in between, s, are not independent.

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import FrameTree, TransformError
 from estimation.geometry.rotations import quaternion_from_rotation
@@ -21,7 +22,7 @@ from whereabouts.recorded.camera_messages import (
     check_depth,
     depth_from_message,
 )
-from whereabouts.recorded.evidence_messages import Array, Reader, SeenFrame
+from whereabouts.recorded.evidence_messages import Reader, SeenFrame
 from world_model import WorldEvidence
 from world_model.camera import CameraModel, CameraView, DepthImage, SightRates, located
 from world_model.camera.depth import ENCODINGS

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from estimation.checks import FloatArray as Array
 from estimation.conversion.uncertain_frame import through_uncertain_pose
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
@@ -22,7 +22,6 @@ from world_model import ObjectEvidence, WorldEvidence
 from world_model.camera import CameraView, ImageBox, LocatedBox, overlap
 from world_model.symbols import Gaussian, Symbols, default_symbols
 
-Array = npt.NDArray[np.float64]
 SUM_TOLERANCE = 0.01
 SIZE_SIGMA = 0.1
 """Standard deviation of a detected extent, as a share of it."""

@@ -6,16 +6,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.geometry.poses import between, compound, inverse, pose_to_matrix
 from registration.laser.scan import Scan
 from registration.odometry.follower import Odometry
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.wheel_history import NANOSECONDS, WheelHistory
 from whereabouts.logs import CloudRecord, OdometryRecord, Record, ScanRecord
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

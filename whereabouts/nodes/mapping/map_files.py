@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.grid import is_grid_file
 from loop_closure.maps.map_file import is_map, write_map
@@ -19,8 +17,6 @@ from whereabouts.system.atomic import atomic_path
 from whereabouts.system.counting import counted
 from whereabouts.system.state_files import keep_foreign
 from whereabouts_msgs.srv import LoadMap, SaveMap
-
-Array = NDArray[np.float64]
 
 
 class MapFiles:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
-from numpy.typing import NDArray
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.poses import pose_to_matrix
 from tracking.intentions import Prediction
@@ -27,7 +27,6 @@ from whereabouts_msgs.msg import (
     TargetArray,
 )
 
-Array = NDArray[np.float64]
 # A ring of points around a path's point stands for a person in a costmap.
 RING = np.column_stack((np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)))
 

@@ -14,6 +14,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.geometry.poses import (
     compound,
     compound_covariance,
@@ -31,7 +32,6 @@ from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts_msgs.msg import LoopClosure
 
-Array = NDArray[np.float64]
 CDR_LENGTH = 4  # bytes of a number of items, of an encapsulation, and of either part of a stamp
 
 

@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import JUMP, FrameTree, NotYetError, TransformError, pose_matrix
 from whereabouts.nodes.messages.envelopes import FRAME, POSITION, envelope
 from whereabouts.nodes.messages.stamps import nanoseconds, time_message
 
-Matrix = NDArray[np.float64]
 Pairs = tuple[tuple[str, str], ...]  # (target, source)
 KEPT = 64
 FRAMES = 5000
@@ -33,7 +32,7 @@ class TransformBuffer:
         # Two parents of a frame, and when they were heard last, s.
         self._rivals: dict[str, tuple[frozenset[str], float]] = {}
         # What was looked up since the last transform came: whether a message can be handled, and then by its handler.
-        self._found: dict[tuple[str, str, int], Matrix] = {}
+        self._found: dict[tuple[str, str, int], Array] = {}
 
     def insert(self, message: TransformStamped, static: bool = False) -> None:
         """Add one transform of a tf or tf_static message.
@@ -81,7 +80,7 @@ class TransformBuffer:
             if now - heard < CONTRADICTED
         ]
 
-    def lookup(self, target: str, source: str, stamp: int) -> Matrix:
+    def lookup(self, target: str, source: str, stamp: int) -> Array:
         """Transform that takes coordinates in `source` to coordinates in `target` at `stamp`, (4, 4).
 
         Raises TransformError: a frame is unknown, the two are not connected, or the stamp is out of range.
@@ -122,7 +121,7 @@ class TransformBuffer:
                 return f"no transform from '{source}' to '{target}': {error}; {advice}"
         return "transform arrived too late"
 
-    def _compose(self, target: str, source: str, stamp: int) -> Matrix:
+    def _compose(self, target: str, source: str, stamp: int) -> Array:
         found = self._tree.lookup(target, source, stamp)
         if not np.abs(found[:3, 3]).max() <= POSITION:
             raise TransformError(f"'{source}' is farther than {POSITION:g} m from '{target}'", later=False)
@@ -155,7 +154,7 @@ def check_frame(what: str, frame: str, map_frame: str) -> None:
         raise InputError(f"{what} is in frame '{frame}', expected '{map_frame}' (map_frame)")
 
 
-def pose_of(t: Any, r: Any) -> Matrix:
+def pose_of(t: Any, r: Any) -> Array:
     """Position and quaternion (x, y, z, w) of a message's position and orientation, checked, (7,)."""
     pose = [t.x, t.y, t.z, r.x, r.y, r.z, r.w]
     length = math.hypot(*pose[3:])

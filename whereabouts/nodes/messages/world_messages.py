@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovariance, Vector3
-from numpy.typing import NDArray
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesis, ObjectHypothesisWithPose
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.places import Place
 from estimation.geometry.rotations import rotation_from_quaternion
@@ -27,7 +27,6 @@ from world_model import WorldObject, WorldState
 from world_model.anchoring.attributes import extent
 from world_model.queries import Words
 
-Array = NDArray[np.float64]
 PALETTE: tuple[Rgb, ...] = (
     (0.9, 0.3, 0.2), (0.2, 0.6, 0.9), (0.3, 0.7, 0.3), (0.9, 0.7, 0.1), (0.6, 0.3, 0.8), (0.4, 0.4, 0.4),
 )  # fmt: skip

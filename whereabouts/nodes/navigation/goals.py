@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
-from numpy.typing import NDArray
 from rclpy.action.client import ActionClient
 from rclpy.node import Node
 from rclpy.task import Future
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 
-Array = NDArray[np.float64]
 # A goal that the robot has not come NEARER to, m, for PATIENCE s is not reached; goals closer than SAME m are one.
 NEARER, PATIENCE, SAME = 0.1, 20.0, 0.5
 AGAIN = 1  # times that a goal which nav2 could not reach is sent once more

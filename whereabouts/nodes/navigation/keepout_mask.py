@@ -14,6 +14,7 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.poses import pose_to_matrix
 from tracking.intentions import Prediction
@@ -22,7 +23,6 @@ from whereabouts.nodes.messages.intention_messages import PathMarkers
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.nodes.ros.qos import LATCHED
 
-Array = NDArray[np.float64]
 KEEPOUT = 0  # CostmapFilterInfo.type; base and multiplier have to be 0 and 1 with it
 # Unknown: the filter leaves the costmap as it is. With 0 it would make free what is unknown there.
 NOBODY = -1

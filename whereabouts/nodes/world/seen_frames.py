@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
 from whereabouts.nodes.messages.stamps import NANOSECONDS
@@ -15,7 +15,6 @@ from whereabouts.nodes.messages.transforms import check_frame, frame_name
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.recorded.evidence_messages import SeenFrame
 
-Array = NDArray[np.float64]
 # A robot pose older than this says nothing about now.
 POSE_AGE = 5 * NANOSECONDS
 
