@@ -10,7 +10,6 @@ from typing import Any
 from whereabouts.logs.bags.bag_directory import open_bag
 from whereabouts.logs.bags.ros_types import decoded
 from whereabouts.logs.bags.storage import Stored, Topic, wanted_by
-from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.log import Log
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, other
@@ -30,17 +29,11 @@ class RosLog(Log):
     them: then each message is a MessageRecord.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        topics: Iterable[str] | None = None,
-        format: str = "rosbag2",
-        unpacked_limit: int = UNPACKED_LIMIT,
-    ) -> None:
+    def __init__(self, path: Path, topics: Iterable[str] | None = None, format: str = "rosbag2") -> None:
         super().__init__(path, topics)
         self.format = format
         _check(path)
-        self._bag = open_bag(path, self.summary, unpacked_limit)
+        self._bag = open_bag(path, self.summary)
         self._found = self.summary.copy()
 
     @property

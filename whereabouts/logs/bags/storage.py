@@ -15,7 +15,6 @@ import yaml
 import zstandard
 from mcap.exceptions import McapError
 
-from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.formats.text import open_file
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.records import strip_slash
@@ -126,14 +125,11 @@ class ChunkedFile(ABC):
     """A bag file in chunks, read by its index where there is one, else from front to back.
 
     path : the file; shown : what error messages and remarks call it (the archive it came from).
-    summary : account of damage. limit : bytes that a chunk may unpack to, `BLOCK_LIMIT` at most.
+    summary : account of damage.
     """
 
-    def __init__(
-        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
-    ) -> None:
+    def __init__(self, path: Path, summary: Summary, shown: Path | None = None) -> None:
         self.path = path
-        self._limit = limit
         self._shown = shown or path
         self._summary = summary
         self._stream = open_file(path)
