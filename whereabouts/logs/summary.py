@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from copy import deepcopy
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 # Of two reasons that differ by no more than their numbers the first stands for both; names of topics stay apart.
 NUMBER = re.compile(r"(?<![\w/.])-?\d[\d.]*(?:e[+-]?\d+)?(?![\w/])")
@@ -66,19 +66,12 @@ class Summary:
         """Number of things left out."""
         return sum(remark.count for remark in self.skipped.values())
 
-    def as_dict(self) -> dict[str, dict[str, object]]:
-        """Plain values for JSON."""
-        return asdict(self)
-
     def lines(self) -> list[str]:
         """One sentence per reason, skips first; empty when there is nothing to say."""
         return [
             *(f"skipped {_sentence(reason, remark)}" for reason, remark in self.skipped.items()),
             *(f"note: {_sentence(reason, remark)}" for reason, remark in self.notes.items()),
         ]
-
-    def __str__(self) -> str:
-        return "\n".join(self.lines()) or "nothing skipped"
 
 
 def _sentence(reason: str, remark: Remark) -> str:

@@ -21,6 +21,7 @@ from whereabouts.messages.records import (
     TransformRecord,
     strip_slash,
 )
+from whereabouts.messages.type_names import CLOUD, ODOMETRY, SCAN, TF
 
 # sensor_msgs/PointField: number of a type to numpy's letter for it.
 POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -208,9 +209,9 @@ def other(message: Any, topic: str, type_name: str, log_time: int) -> MessageRec
 
 
 RECORDS: dict[str, Callable[[Any, str], Iterator[Record]]] = {
-    "sensor_msgs/msg/LaserScan": scans,
+    SCAN: scans,
     "sensor_msgs/msg/MultiEchoLaserScan": first_echoes,
-    "sensor_msgs/msg/PointCloud2": clouds,
-    "nav_msgs/msg/Odometry": odometry,
-    "tf2_msgs/msg/TFMessage": transforms,
+    CLOUD: clouds,
+    ODOMETRY: odometry,
+    TF: transforms,
 }

@@ -14,14 +14,12 @@ from whereabouts.logs import RawMessage, open_raw
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.decode import NANOSECONDS, nanoseconds
 from whereabouts.messages.records import strip_slash
-from whereabouts.messages.type_names import BOXES, DETECTIONS
+from whereabouts.messages.type_names import BOXES, DETECTIONS, EVIDENCE, TARGETS
 from whereabouts.recorded.camera_log import TYPES, CameraLog, CameraSettings
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
 from whereabouts.system.log_errors import NothingRecognisedError, UnreadableTypeError
 from world_model import WorldEvidence
 
-EVIDENCE = "whereabouts_msgs/msg/WorldEvidence"
-TARGETS = "whereabouts_msgs/msg/TargetArray"
 PATIENCE = NANOSECONDS
 """of recording that what is seen waits for transforms and depth images."""
 

@@ -15,8 +15,8 @@ from estimation.geometry.rotations import quaternion_from_euler
 from whereabouts.logs import McapWriter, Topic
 from whereabouts.logs.bags.encode import header, made, xyz, xyzw
 from whereabouts.messages.decode import NANOSECONDS
+from whereabouts.messages.type_names import EVIDENCE
 from whereabouts.nodes.messages.message_types import definition
-from whereabouts.recorded.world_log import EVIDENCE
 from world_model import ObjectEvidence, WorldEvidence
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import struct
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,6 @@ from mcap.exceptions import McapError
 
 from whereabouts.logs.formats.text import open_file
 from whereabouts.logs.summary import Summary
-from whereabouts.messages.records import strip_slash
 from whereabouts.system.log_errors import OversizedLogError, UnreadableTypeError
 
 # Numbers of rmw, as written by rosbag2 up to Iron; later ones write the names.
@@ -61,6 +60,9 @@ class Topic:
     qos: tuple[Qos, ...] = ()
     to_cdr: Callable[[bytes], bytes] | None = field(default=None, repr=False)
     problem: str = ""
+
+
+LATCHED = Qos(depth=1, durability="transient_local")
 
 
 class Stored(NamedTuple):
@@ -200,14 +202,6 @@ class ChunkedFile(ABC):
             if position + 1 < len(messages):
                 following = (messages[position + 1].log_time, chunk, position + 1, messages)
                 heapq.heappush(open_chunks, following)
-
-
-def wanted_by(names: Iterable[str] | None) -> Callable[[str], bool]:
-    """Whether a topic is among `names`, leading slashes aside; None stands for all."""
-    if names is None:
-        return lambda name: True
-    chosen = frozenset(strip_slash(name) for name in names)
-    return lambda name: strip_slash(name) in chosen
 
 
 def parse_qos(text: object) -> tuple[Qos, ...]:

@@ -12,7 +12,7 @@ from estimation.geometry.poses import pose_to_matrix
 from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, ScanRecord, TransformRecord
 from whereabouts.logs.bags.encode import time, xyz
 from whereabouts.messages.decode import NANOSECONDS
-from whereabouts.recorded.world_log import EVIDENCE
+from whereabouts.messages.type_names import EVIDENCE, TARGETS
 from whereabouts.simulation.home.apartment_day import (
     CLOUD_RATE,
     LASER_MOUNT,
@@ -27,7 +27,7 @@ from whereabouts.simulation.shapes import Array
 from whereabouts.simulation.world_bag import SuiteMessages, distribution, pose
 
 START = datetime(2026, 5, 4, 9, 0, tzinfo=UTC).timestamp()
-TARGETS, STATE = "whereabouts_msgs/msg/TargetArray", "whereabouts_msgs/msg/WorldState"
+STATE = "whereabouts_msgs/msg/WorldState"
 GRAIN = 64.0
 """Points of the sparse cloud are rounded to 1/64 m, which is less than their error, to be small."""
 
