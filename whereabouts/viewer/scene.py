@@ -15,12 +15,11 @@ from whereabouts.messages.records import MAP_FRAME, ODOM_FRAME, strip_slash
 from whereabouts.viewer.drawable import Array, Color, Lines, Points, Shape, TextNote
 from whereabouts.viewer.fields import matrix_of, rows, xyz
 from whereabouts.viewer.frames import Frames
-from whereabouts.viewer.object_shapes import evidence, hypotheses, task, world
+from whereabouts.viewer.object_shapes import TASK, evidence, hypotheses, task, world
 from whereabouts.viewer.people_shapes import predictions, targets
 
 STATIC, MOVING, UNKNOWN = (90, 90, 90), (230, 40, 40), (190, 170, 120)
-TRAVELLED, WHEELS, TRAJECTORY, CLOSURE = (60, 110, 230), (170, 170, 170), (25, 100, 230), (230, 60, 30)
-MAP, SEARCH, MAINTENANCE = (40, 40, 40), (20, 160, 80), (160, 60, 200)
+TRAVELLED, WHEELS, MAP, SEARCH = (60, 110, 230), (170, 170, 170), (40, 40, 40), (20, 160, 80)
 OCCUPIED = 50
 CLOUD_LIMIT = 20_000
 SCANS_KEPT = 50
@@ -153,7 +152,7 @@ class Scene:
     def _path(self, message: Any, topic: str) -> Iterable[Shape]:
         points = [xyz(item.pose.position) for item in message.poses]
         path = self._place(message)
-        yield Lines(f"{path}/{topic.rpartition('/')[2]}", (rows(points),), TRAJECTORY, 0.04)
+        yield Lines(f"{path}/{topic.rpartition('/')[2]}", (rows(points),), TRAVELLED, 0.04)
         if _name(topic) == "trajectory":
             stamps = [nanoseconds(item.header.stamp) for item in message.poses]
             self._keyframes = dict(zip(stamps, points, strict=True))
@@ -171,11 +170,11 @@ class Scene:
         joined = [
             ends for ends, accepted in self._closures.items() if accepted and all(e in known for e in ends)
         ]
-        return Lines(f"{path}/closures", tuple(rows([known[a], known[b]]) for a, b in joined), CLOSURE, 0.05)
+        return Lines(f"{path}/closures", tuple(rows([known[a], known[b]]) for a, b in joined), MOVING, 0.05)
 
     def _goal(self, message: Any, topic: str) -> Iterable[Shape]:
         name = _name(topic)
-        color: Color = SEARCH if name == "search_goal" else MAINTENANCE
+        color: Color = SEARCH if name == "search_goal" else TASK
         matrix = matrix_of(message.pose)
         yield Lines(
             f"{self._place(message)}/{name}",

@@ -17,7 +17,7 @@ from estimation.errors import InputError
 from estimation.geometry.places import Place
 from estimation.geometry.rotations import rotation_from_quaternion
 from whereabouts.nodes.messages.conversions import FREE
-from whereabouts.nodes.messages.markers import Rgb, colour, marker, point, vector
+from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point, vector
 from whereabouts.nodes.messages.stamps import NANOSECONDS, seconds, time_message
 from whereabouts.nodes.messages.world_reading import attribute_messages, box_region, distribution_message
 from whereabouts_msgs.msg import Region, WorldHypotheses
@@ -27,9 +27,6 @@ from world_model import WorldObject, WorldState
 from world_model.anchoring.attributes import extent
 from world_model.queries import Words
 
-PALETTE: tuple[Rgb, ...] = (
-    (0.9, 0.3, 0.2), (0.2, 0.6, 0.9), (0.3, 0.7, 0.3), (0.9, 0.7, 0.1), (0.6, 0.3, 0.8), (0.4, 0.4, 0.4),
-)  # fmt: skip
 IDENTITY = np.eye(4)
 ABOVE = np.array([0.0, 0.0, 0.25])
 
@@ -148,7 +145,7 @@ def marker_messages(header: Header, objects: Sequence[WorldObject], words: Words
     stamp = seconds(header.stamp)
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for index, item in enumerate(objects):
-        rgb = PALETTE[sum(map(ord, item.most_probable("class"))) % len(PALETTE)]
+        rgb = COLOURS[sum(map(ord, item.most_probable("class"))) % len(COLOURS)]
         white = colour((1.0, 1.0, 1.0), float(item.existence))
         label = marker(header, "symbols", Marker.TEXT_VIEW_FACING, white, 0.12, index)
         label.text = words.sentence(item, stamp)
