@@ -184,7 +184,7 @@ def test_message_in_the_hands_of_a_killed_node_is_counted(bag: Path, tmp_path: P
 def test_somebody_else_who_speaks_on_a_topic_of_the_bag_stops_nobody(
     graph: Graph, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("whereabouts.nodes.runtime.replayer.PATIENCE", 3.0)
+    monkeypatch.setattr("whereabouts.nodes.runtime.replayer.SILENCE", 3.0)
     other = graph.node.create_publisher(Odometry, "/wheel_odom", 10)
     run = suite_run(bag, tmp_path)
     spoken = 0

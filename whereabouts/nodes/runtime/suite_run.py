@@ -17,15 +17,14 @@ from whereabouts.logs import McapWriter, RawMessage
 from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.footprint import PROFILES
 from whereabouts.nodes.ros.host import Host
-from whereabouts.nodes.runtime.bring_up import LifecycleClient
+from whereabouts.nodes.ros.timekeeping import SILENCE
+from whereabouts.nodes.runtime.bring_up import COMPILING, LifecycleClient
 from whereabouts.nodes.runtime.domain import free_domain
 from whereabouts.nodes.runtime.recorder import Recorder
-from whereabouts.nodes.runtime.replayer import PATIENCE, MessageLog, ReplayAccount, Replayer
+from whereabouts.nodes.runtime.replayer import MessageLog, ReplayAccount, Replayer
 from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError, Supervisor
 from whereabouts.system.resources import config_file
 
-# The very first start on a machine compiles; a node that dies meanwhile is noticed at once.
-START_TIMEOUT = 1800.0
 # Nodes find each other within moments; a mismatch of reliability or durability is the usual reason why they do not.
 CONNECT_TIMEOUT = 60.0
 QUIET = 0.5
@@ -154,14 +153,14 @@ class _Watch:
 
         Raises SuiteError: one is not active in time, or has ended.
         """
-        deadline = time.monotonic() + START_TIMEOUT
+        deadline = time.monotonic() + COMPILING
         for client in self.clients:
             while client.state() != State.PRIMARY_STATE_ACTIVE:
                 self.supervisor.check()
                 if time.monotonic() > deadline:
                     tail = self.supervisor.nodes[client.name].log_tail()
                     raise SuiteError(
-                        f"{client.name} is not active after {START_TIMEOUT:.0f} s; its last lines:\n{tail}"
+                        f"{client.name} is not active after {COMPILING:.0f} s; its last lines:\n{tail}"
                     )
         deadline = time.monotonic() + CONNECT_TIMEOUT
         while missing := self.replayer.unconnected(self.recorded):
@@ -172,7 +171,7 @@ class _Watch:
             self.executor.spin_once(timeout_sec=0.05)
         self.replayer.begin_turns()
         connected = time.time_ns()
-        while self.replayer.silent_since(connected) and time.monotonic() < deadline:
+        while self.replayer.audience.silent_since(connected) and time.monotonic() < deadline:
             self.supervisor.check()
             self.executor.spin_once(timeout_sec=0.05)
         self.replayer.nodes_changed()
@@ -198,7 +197,7 @@ class _CatchUp:
 
     def _behind(self) -> dict[str, int]:
         lacks = {
-            topic: self.replayer.sent_by_all(topic) - self.recorder.counts[topic] - self.forgiven[topic]
+            topic: self.replayer.flow.total(topic) - self.recorder.counts[topic] - self.forgiven[topic]
             for topic in self.recorder.topics
             if not topic.endswith("diagnostics")
         }
@@ -208,10 +207,10 @@ class _CatchUp:
 def _let_recorder_finish(executor: Any, recorder: Recorder, replayer: Replayer) -> None:
     """The nodes are done; what they have sent last is still on its way."""
     begun = time.monotonic()
-    while time.monotonic() < begun + PATIENCE:
+    while time.monotonic() < begun + SILENCE:
         # The last word of every node is of the end.
         told = all(recorder.told.get(name.lstrip("/"), begun) >= begun for name in replayer.watched)
-        came = all(recorder.counts[topic] >= replayer.sent_by_nodes(topic) for topic in recorder.topics)
+        came = all(recorder.counts[topic] >= replayer.flow.published(topic) for topic in recorder.topics)
         if told and came and time.monotonic() >= recorder.last_arrival + QUIET:
             return
         executor.spin_once(timeout_sec=QUIET / 5)
