@@ -22,6 +22,7 @@ from whereabouts.messages.records import (
     strip_slash,
 )
 from whereabouts.messages.type_names import CLOUD, ODOMETRY, SCAN, TF
+from whereabouts.system.clocks import NANOSECONDS
 
 # sensor_msgs/PointField: number of a type to numpy's letter for it.
 POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -29,7 +30,6 @@ COLOR_FIELDS = ("rgb", "rgba")
 TIME_FIELDS = ("t", "time", "timestamp", "time_stamp", "offset_time")
 SLOWEST = 10.0  # s between beams; more is not meant
 PLANE = np.ix_((0, 1, 5), (0, 1, 5))
-NANOSECONDS = 1_000_000_000
 
 
 class UnusableMessageError(InputError):

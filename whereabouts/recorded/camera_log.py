@@ -13,7 +13,7 @@ from estimation.errors import InputError
 from estimation.geometry.frame_tree import FrameTree, TransformError
 from estimation.geometry.rotations import quaternion_from_rotation
 from whereabouts.messages.compressed_depth import encoding_of
-from whereabouts.messages.decode import NANOSECONDS, nanoseconds, transforms
+from whereabouts.messages.decode import nanoseconds, transforms
 from whereabouts.messages.records import strip_slash
 from whereabouts.messages.type_names import CAMERA_INFO, COMPRESSED, IMAGE, TF
 from whereabouts.recorded.camera_messages import (
@@ -23,6 +23,7 @@ from whereabouts.recorded.camera_messages import (
     depth_from_message,
 )
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
+from whereabouts.system.clocks import NANOSECONDS
 from world_model import WorldEvidence
 from world_model.camera import CameraModel, CameraView, DepthImage, SightRates, located
 from world_model.camera.depth import ENCODINGS

@@ -12,11 +12,12 @@ from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from whereabouts.logs import RawMessage, open_raw
 from whereabouts.logs.summary import Summary
-from whereabouts.messages.decode import NANOSECONDS, nanoseconds
+from whereabouts.messages.decode import nanoseconds
 from whereabouts.messages.records import strip_slash
 from whereabouts.messages.type_names import BOXES, DETECTIONS, EVIDENCE, TARGETS
 from whereabouts.recorded.camera_log import TYPES, CameraLog, CameraSettings
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
+from whereabouts.system.clocks import NANOSECONDS
 from whereabouts.system.log_errors import NothingRecognisedError, UnreadableTypeError
 from world_model import WorldEvidence
 

@@ -14,9 +14,9 @@ from estimation.errors import InputError
 from estimation.geometry.rotations import quaternion_from_euler
 from whereabouts.logs import McapWriter, Topic
 from whereabouts.logs.bags.encode import header, made, xyz, xyzw
-from whereabouts.messages.decode import NANOSECONDS
 from whereabouts.messages.type_names import EVIDENCE
 from whereabouts.nodes.messages.message_types import definition
+from whereabouts.system.clocks import NANOSECONDS
 from world_model import ObjectEvidence, WorldEvidence
 
 

@@ -13,10 +13,10 @@ from rosbags.typesys.store import Typestore
 from estimation.errors import InputError
 from estimation.geometry.rotations import quaternion_from_rotation
 from whereabouts.logs.bags.ros_types import standard_types
-from whereabouts.messages.decode import NANOSECONDS
 from whereabouts.messages.message_rotations import quaternion_of_yaw
 from whereabouts.messages.records import CloudRecord, OdometryRecord, ScanRecord, TransformRecord
 from whereabouts.messages.type_names import CLOUD, ODOMETRY, SCAN, TF
+from whereabouts.system.clocks import NANOSECONDS
 
 # builtin_interfaces/Time counts seconds in an int32, and ROS clients refuse negative ones.
 LATEST_STAMP = 2**31

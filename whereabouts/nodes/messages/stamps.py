@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Duration, Time
 
-from whereabouts.messages.decode import NANOSECONDS, nanoseconds, seconds
+from whereabouts.messages.decode import nanoseconds, seconds
+from whereabouts.system.clocks import NANOSECONDS
 
 __all__ = ["NANOSECONDS", "duration_message", "nanoseconds", "seconds", "time_message"]
 

@@ -11,7 +11,6 @@ import numpy as np
 from estimation.geometry.poses import pose_to_matrix
 from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, ScanRecord, TransformRecord
 from whereabouts.logs.bags.encode import time, xyz
-from whereabouts.messages.decode import NANOSECONDS
 from whereabouts.messages.type_names import EVIDENCE, TARGETS
 from whereabouts.simulation.home.apartment_day import (
     CLOUD_RATE,
@@ -25,6 +24,7 @@ from whereabouts.simulation.home.apartment_day import (
 from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT, LASER_HEIGHT
 from whereabouts.simulation.shapes import Array
 from whereabouts.simulation.world_bag import SuiteMessages, distribution, pose
+from whereabouts.system.clocks import NANOSECONDS
 
 START = datetime(2026, 5, 4, 9, 0, tzinfo=UTC).timestamp()
 STATE = "whereabouts_msgs/msg/WorldState"
