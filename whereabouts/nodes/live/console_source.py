@@ -28,7 +28,6 @@ from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import SaveMap
 
 KEPT = frozenset({"map", "tf_static", "world_state", "search_goal", "maintenance_goal"})
-DEPTH = 50
 ANSWER_WITHIN = 10.0
 """s that a service or the search has to answer a request."""
 
@@ -55,7 +54,7 @@ class LiveSource:
         self._ended = threading.Event()
         self.unusable: Counter[str] = Counter()
         for topic, name in TOPICS.items():
-            qos = LATCHED if topic in KEPT else best_effort(DEPTH)
+            qos = LATCHED if topic in KEPT else best_effort()
             self._node.create_subscription(message_class(name), topic, self._keep(topic), qos, raw=True)
         self._searches = Searches(self._node)
         self._save = self._node.create_client(SaveMap, "loop_closure/save_map")

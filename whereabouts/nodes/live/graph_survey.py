@@ -6,7 +6,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 
 from whereabouts.logs import Qos
 from whereabouts.messages.type_names import COMPRESSED, IMAGE, OBSERVED
@@ -17,10 +17,6 @@ from whereabouts.robot.bags import look_at_message
 from whereabouts.robot.survey import SeenTopic, Survey
 
 HEARD = (*OBSERVED, "diagnostic_msgs/msg/DiagnosticArray")
-NAMES = {
-    ReliabilityPolicy.BEST_EFFORT: "best_effort", ReliabilityPolicy.RELIABLE: "reliable",
-    DurabilityPolicy.VOLATILE: "volatile", DurabilityPolicy.TRANSIENT_LOCAL: "transient_local",
-}  # fmt: skip
 
 
 def survey_graph(seconds: float) -> Survey:
@@ -79,6 +75,6 @@ def _troubles(suite: dict[str, Any]) -> list[str]:
 def _offer(profile: QoSProfile) -> Qos:
     return Qos(
         depth=profile.depth,
-        reliability=NAMES.get(profile.reliability, "unknown"),
-        durability=NAMES.get(profile.durability, "unknown"),
+        reliability=profile.reliability.name.lower(),
+        durability=profile.durability.name.lower(),
     )
