@@ -48,7 +48,6 @@ from whereabouts_msgs.srv import LoadState, Reset, SaveState
 
 TRACK_TIMEOUT = 2.0  # seconds without an observation after which a track has ended, and is learned
 PERSON_PROBABILITY = 0.3  # what is less probably a person is left out
-OCCUPIED_FROM = 65  # cells of the map at or above this are obstacles
 POINT_INTERVAL = 0.5  # seconds between published points of a path
 OCCUPANCY_HEIGHT = 0.5  # metres, of the occupied points
 MASK_PERIOD = 1.0  # seconds between masks at least; nav2 warns of each in its log
@@ -124,7 +123,7 @@ class MotionPredictorNode(SuiteNode):
 
     def _take_map(self, message: OccupancyGrid, _: int) -> None:
         check_frame("map", message.header.frame_id, self.settings.map_frame)
-        self._obstacles = Obstacles(occupied_points(message, OCCUPIED_FROM))
+        self._obstacles = Obstacles(occupied_points(message))
         if self._mask is not None:
             self._mask.take_map(message.info)
 
