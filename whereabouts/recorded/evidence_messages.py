@@ -17,6 +17,7 @@ from estimation.conversion.uncertain_frame import through_uncertain_pose
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from estimation.geometry.rotations import rotation_from_quaternion
+from registration.laser.scan import FARTHEST
 from whereabouts.recorded.camera_messages import box_from_message
 from world_model import ObjectEvidence, WorldEvidence
 from world_model.camera import CameraView, ImageBox, LocatedBox, overlap
@@ -30,8 +31,6 @@ FLOOR_SIGMA = 1.0
 NOT_FOUND = "not_found"
 """`detection_id` of an object that was looked for, by its `object_id`, and is not there."""
 PERSON = "person"
-FARTHEST = 1e6
-"""m: nothing is farther away, or longer."""
 SHORTEST = 1e-6
 """m: an extent below it was not measured."""
 DOUBLE = 0.5
