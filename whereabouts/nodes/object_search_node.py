@@ -26,8 +26,7 @@ from whereabouts.nodes.messages.stamps import NANOSECONDS, seconds, time_message
 from whereabouts.nodes.messages.transforms import check_frame, frame_name
 from whereabouts.nodes.messages.world_messages import object_message
 from whereabouts.nodes.messages.world_reading import LatestState, grid_from_message, planar_pose, pose_stamped
-from whereabouts.nodes.navigation.base_claim import BaseClaim
-from whereabouts.nodes.navigation.errands import is_errand
+from whereabouts.nodes.navigation.errands import BaseClaim, is_errand
 from whereabouts.nodes.navigation.goals import PATIENCE, SAME, Approach, Navigator
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health

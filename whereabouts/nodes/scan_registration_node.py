@@ -44,10 +44,9 @@ from whereabouts.nodes.messages.conversions import (
     spatial,
     spatial_covariance,
 )
-from whereabouts.nodes.messages.frame_owner import FrameOwner
 from whereabouts.nodes.messages.markers import vector
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.messages.transforms import frame_name, transform_message
+from whereabouts.nodes.messages.transforms import FrameOwner, frame_name, transform_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.inputs import Input

@@ -12,7 +12,7 @@ from whereabouts.logs import Qos
 from whereabouts.messages.type_names import COMPRESSED, IMAGE, OBSERVED
 from whereabouts.nodes.live.listener import listen
 from whereabouts.nodes.ros.inputs import EARLY
-from whereabouts.nodes.runtime.dead_ends import full_name
+from whereabouts.nodes.runtime.audience import full_name
 from whereabouts.robot.bags import look_at_message
 from whereabouts.robot.survey import SeenTopic, Survey
 

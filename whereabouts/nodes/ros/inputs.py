@@ -21,8 +21,7 @@ from whereabouts.nodes.messages.envelopes import type_name
 from whereabouts.nodes.messages.packed import MessageOpener
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import Pairs
-from whereabouts.nodes.ros.budget import BUDGETS, DEFAULT, Purse
-from whereabouts.nodes.ros.input_counts import InputCounts, MessageGaps
+from whereabouts.nodes.ros.input_counts import BUDGETS, DEFAULT, InputCounts, MessageGaps, Purse
 from whereabouts.nodes.ros.qos import sensor_qos
 from whereabouts.system.clocks import SourceClock
 from whereabouts.system.counting import counted

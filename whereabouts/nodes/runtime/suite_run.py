@@ -1,26 +1,29 @@
-"""A bag through a set of nodes: start them, replay, record, end them."""
+"""A bag through a set of nodes: start them, replay, record as bytes what was sent, end them."""
 
 from __future__ import annotations
 
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from lifecycle_msgs.msg import State
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 
-from whereabouts.logs import McapWriter, RawMessage
+from whereabouts.logs import McapWriter, RawMessage, Topic
+from whereabouts.nodes.messages.message_types import definition, message_class
 from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.footprint import PROFILES
 from whereabouts.nodes.ros.host import Host
+from whereabouts.nodes.ros.qos import reliable
 from whereabouts.nodes.ros.timekeeping import SILENCE
 from whereabouts.nodes.runtime.bring_up import COMPILING, LifecycleClient
 from whereabouts.nodes.runtime.domain import free_domain
-from whereabouts.nodes.runtime.recorder import Recorder
 from whereabouts.nodes.runtime.replayer import MessageLog, ReplayAccount, Replayer
 from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError, Supervisor
 from whereabouts.system.resources import config_file
@@ -32,6 +35,48 @@ QUIET = 0.5
 RECORDER_PATIENCE = 2.0
 # What a node is told when a bag is replayed to it: nothing may be lost, and everything is accounted for.
 REPLAY_PARAMETERS = {"input_reliability": "reliable", "report_processed": True, "use_sim_time": True}
+
+
+DEPTH = 1000
+
+
+class Recorder:
+    """Writes what arrives on some topics to an `McapWriter`.
+
+    Log time is the time of arrival by the clock of `now`, which a replay sets to message time.
+    """
+
+    def __init__(self, node: Node, writer: McapWriter, topics: Iterable[tuple[str, str]]) -> None:
+        self._writer = writer
+        self.now = time.time_ns
+        self.counts: Counter[str] = Counter()
+        # When each node's diagnostics came last, s of the monotonic clock.
+        self.told: dict[str, float] = {}
+        self.last_arrival = time.monotonic()
+        self._subscriptions = [self._subscribe(node, name, type_name) for name, type_name in topics]
+
+    @property
+    def topics(self) -> list[str]:
+        """Full names of what is recorded."""
+        return [subscription.topic_name for subscription in self._subscriptions]
+
+    def _subscribe(self, node: Node, name: str, type_name: str) -> Any:
+        topic = Topic(node.resolve_topic_name(name), type_name, definition(type_name))
+        kind = message_class(type_name)
+
+        def keep(data: bytes) -> None:
+            self.counts[topic.name] += 1
+            # Diagnostics never end.
+            if name.endswith("diagnostics"):
+                for status in deserialize_message(bytes(data), kind).status:
+                    self.told[status.name] = time.monotonic()
+            else:
+                self.last_arrival = time.monotonic()
+            self._writer.write_raw(topic, bytes(data), max(0, self.now()))
+
+        # A latched publisher's last message is wanted too; a volatile one is compatible only with volatile.
+        latched = name.rsplit("/", 1)[-1] in ("tf_static", "map", "trajectory")
+        return node.create_subscription(kind, name, keep, reliable(DEPTH, latched), raw=True)
 
 
 @dataclass
