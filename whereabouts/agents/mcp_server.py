@@ -69,16 +69,9 @@ class ToldAnswer(BaseModel):
 
 def told(answer: Answer) -> ToldAnswer:
     """The answer to a question as a result."""
-    return ToldAnswer(
-        sentence=answer.sentence,
-        ok=answer.kind not in ("not_understood", "unknown", "choices"),
-        probability=min(max(answer.probability, 0.0), 1.0),
-        stamp=answer.stamp,
-        value=answer.value,
-        evidence=[dict(entry) for entry in answer.evidence],
-        alternatives=[dict(entry) for entry in answer.alternatives],
-        choices=list(answer.choices),
-    )
+    ok = answer.kind not in ("not_understood", "unknown", "choices")
+    share = min(max(answer.probability, 0.0), 1.0)
+    return ToldAnswer.model_validate({**answer.to_dict(), "ok": ok, "probability": share})
 
 
 def refused(sentence: str) -> ToldAnswer:

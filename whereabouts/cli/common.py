@@ -154,9 +154,7 @@ def reading(
 
 def write_figures(path: Path | None, figures: Mapping[str, Any]) -> None:
     """Write figures as JSON, atomically; nothing where no file was asked for."""
-    from whereabouts.system.atomic import atomic_path
+    from whereabouts.system.atomic import write_text
 
-    if path is None:
-        return
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    if path is not None:
+        write_text(path, json.dumps(figures, indent=2) + "\n")

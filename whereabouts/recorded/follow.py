@@ -127,7 +127,8 @@ def follow(
     wheels: str | None = None
     for record in log:
         if isinstance(record, OdometryRecord):
-            wheels = record.topic if wheels is None or _of_wheels(record.topic) else wheels
+            of_wheels = record.topic.rpartition("/")[2] == "wheel_odom"
+            wheels = record.topic if wheels is None or of_wheels else wheels
             if record.topic == wheels:
                 follower.add_wheels(record)
         elif isinstance(record, ScanRecord | CloudRecord):
@@ -135,7 +136,3 @@ def follow(
             if record.topic.lstrip("/") != topic.lstrip("/"):
                 continue
             yield follower.add_scan(record) if isinstance(record, ScanRecord) else follower.add_cloud(record)
-
-
-def _of_wheels(topic: str) -> bool:
-    return topic.strip("/").rsplit("/", 1)[-1] == "wheel_odom"

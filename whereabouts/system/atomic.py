@@ -43,6 +43,12 @@ def atomic_path(target: Path, directory: bool = False) -> Iterator[Path]:
         _remove(temporary)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text whole or not at all. Raises WriteError."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def write_csv(path: Path, columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     """Write a table whole or not at all. Raises WriteError."""
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:

@@ -65,7 +65,10 @@ class McapFile(ChunkedFile):
             for opcode, _, content in _frames(self._stream, self._size):
                 self._declare(opcode, content)
                 if opcode == Opcode.CHUNK_INDEX:
-                    self._note_chunk(ChunkIndex.read(ReadDataStream(BytesIO(content))))
+                    chunk = ChunkIndex.read(ReadDataStream(BytesIO(content)))
+                    if chunk.chunk_start_offset >= self._size:
+                        raise ValueError("chunk outside the file")
+                    self._chunks.append((chunk.message_start_time, chunk.chunk_start_offset))
                 elif opcode == Opcode.FOOTER:
                     break
         except DECODING_ERRORS:
@@ -74,11 +77,6 @@ class McapFile(ChunkedFile):
             return True
         self._indexed = bool(self._chunks) and bool(self._topics)
         return True
-
-    def _note_chunk(self, index: ChunkIndex) -> None:
-        if index.chunk_start_offset >= self._size:
-            raise ValueError("chunk outside the file")
-        self._chunks.append((index.message_start_time, index.chunk_start_offset))
 
     def _declare(self, opcode: int, content: bytes) -> None:
         """Take note of a schema or a channel."""

@@ -76,7 +76,8 @@ def object_message(item: WorldObject, transform: Array) -> ObjectMessage:
         message.size = Vector3(x=width, y=width, z=height)
     message.velocity.twist.linear = vector(transform[:3, :3] @ item.velocity)
     if item.lost and item.region is not None:
-        message.region = box_message(item.region)
+        low, high = np.array(item.region, dtype=np.float64).T
+        message.region = box_region(0.5 * (low + high), high - low)
     return message
 
 
@@ -89,12 +90,6 @@ def pose_message(item: WorldObject, transform: Array) -> PoseWithCovariance:
     covariance[:3, :3] = turn @ item.covariance @ turn.T
     message.covariance = covariance.reshape(36)
     return message
-
-
-def box_message(box: Sequence[Sequence[float]]) -> Region:
-    """A box ((x0, x1), (y0, y1), (z0, z1)) as a message."""
-    low, high = np.array(box, dtype=np.float64).T
-    return box_region(0.5 * (low + high), high - low)
 
 
 def state_message(state: WorldState, header: Header, objects: Sequence[ObjectMessage]) -> StateMessage:

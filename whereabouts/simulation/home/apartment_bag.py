@@ -17,7 +17,6 @@ from whereabouts.simulation.home.apartment_day import (
     LASER_MOUNT,
     THINGS,
     TICKS,
-    WHEEL_RATE,
     ApartmentDay,
     Moment,
 )
@@ -58,8 +57,7 @@ class MomentWriter:
     def write(self, moment: Moment) -> None:
         """Everything of one moment, what others need to be placed first."""
         stamp, at = START + moment.time, self._nanoseconds(moment.time)
-        if round(moment.time * TICKS) % (TICKS // WHEEL_RATE) == 0:
-            self._writer.write_odometry(OdometryRecord(_rounded(moment.wheels), stamp), at)
+        self._writer.write_odometry(OdometryRecord(_rounded(moment.wheels), stamp), at)
         if moment.scan is not None:
             scan = ScanRecord(moment.scan, stamp)
             self._writer.write_scan(scan, at)
