@@ -53,7 +53,6 @@ class Knowledge:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the store, leave the graph."""
         if self._store is not None:
             self._store.close()
         if self._client is not None:

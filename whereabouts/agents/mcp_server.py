@@ -98,7 +98,6 @@ class Server(MCPServer[Any]):
 
 
 def _misused(tool: str, error: ValidationError) -> str:
-    """What is wrong with the arguments of a tool."""
     parts = []
     for each in error.errors(include_url=False):
         argument = ".".join(map(str, each["loc"])) or "the arguments"
@@ -212,7 +211,6 @@ def _actions(server: MCPServer[Any], knowledge: Knowledge) -> None:
 
 
 def _changed(knowledge: Knowledge, tool: str, name: str, class_name: str) -> ToldAnswer:
-    """Look again, forget or relabel one object."""
     why = knowledge.refusal(tool)
     if why:
         return refused(why)

@@ -68,7 +68,6 @@ def file_to_write(name: str, metavar: str, what: str) -> Any:
 
 
 def require_places(path: Path | None) -> None:
-    """Raises InputError where --places names no file."""
     from estimation.errors import InputError
 
     if path is not None and not path.is_file():
@@ -117,7 +116,6 @@ class LogReading:
         return self.log if self.robot is None else self.robot
 
     def advance(self, count: int) -> None:
-        """So many scans have been read."""
         if count % 50 == 0:
             self._share(self.log.progress)
 

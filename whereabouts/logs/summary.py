@@ -33,7 +33,6 @@ class Summary:
     notes: dict[str, Remark] = field(default_factory=dict)
 
     def count(self, topic: str) -> None:
-        """Count a record handed out on `topic`."""
         self.records[topic] = self.records.get(topic, 0) + 1
 
     def skip(self, reason: str, where: str, count: int = 1) -> None:
@@ -45,7 +44,6 @@ class Summary:
         _add(self.notes, reason, where, count)
 
     def clear(self) -> None:
-        """Forget everything, before a new pass."""
         self.records.clear()
         self.skipped.clear()
         self.notes.clear()
@@ -58,12 +56,10 @@ class Summary:
             self.note(reason, remark.first, remark.count)
 
     def copy(self) -> Summary:
-        """An account of its own with the same content."""
         return deepcopy(self)
 
     @property
     def skipped_count(self) -> int:
-        """Number of things left out."""
         return sum(remark.count for remark in self.skipped.values())
 
     def lines(self) -> list[str]:

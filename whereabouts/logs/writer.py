@@ -57,7 +57,6 @@ class McapWriter:
 
     @property
     def bare(self) -> bool:
-        """Whether the target is a bare file."""
         return self.target.suffix == ".mcap"
 
     def __enter__(self) -> Self:
@@ -149,7 +148,6 @@ class McapWriter:
 
     @property
     def counts_by_type(self) -> dict[str, int]:
-        """Messages written so far, by type."""
         counts: dict[str, int] = {}
         for number, topic in self._channels.values():
             counts[topic.type_name] = counts.get(topic.type_name, 0) + self._sequence.get(number, 0)

@@ -1,9 +1,4 @@
-"""Node `loop_closure`: recognises places, closes loops, keeps a consistent map and says where in it the robot is.
-
-In: `scan` (LaserScan) or `points` (PointCloud2), `odometry` (Odometry: where the robot was at a scan, and how sure that
-is), tf odom -> base_link -> sensor, `initialpose`. Out: `loop_closures`, `trajectory`, `map`, `map_points`, markers, tf
-map -> odom.
-"""
+"""Node `loop_closure`: recognises places, closes loops, keeps a consistent map and says where in it the robot is."""
 
 from __future__ import annotations
 
@@ -236,13 +231,11 @@ class LoopClosureNode(SuiteNode):
         self._map.look_anew()
 
     def _finish_work(self) -> None:
-        """Do all that scans have left over."""
         while self._map.slam.behind:
             self._take_update(self._map.slam.work())
 
 
 def main() -> None:
-    """Entry point of the executable `loop_closure`."""
     # Forked here, as long as there are no threads.
     LoopClosureNode.aside = SmootherProcess(settle)
     exit_with(LoopClosureNode)

@@ -1,9 +1,4 @@
-"""Node `motion_predictor`: learns where people go and predicts the paths of all who are there.
-
-In: `targets` (TargetArray), `map` (OccupancyGrid, optional: walls), tf where targets come in another frame.
-Out: `predicted_paths` (PredictedPathArray), `~/markers`, `predicted_occupancy` (PointCloud2 for a costmap), and where
-it is asked for `people_mask` (OccupancyGrid for a costmap filter).
-"""
+"""Node `motion_predictor`: learns where people go and predicts the paths of all who are there."""
 
 from __future__ import annotations
 
@@ -216,7 +211,6 @@ class MotionPredictorNode(SuiteNode):
 
 
 def main() -> None:
-    """Entry point of the executable `motion_predictor`."""
     exit_with(MotionPredictorNode)
 
 

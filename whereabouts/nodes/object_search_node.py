@@ -1,9 +1,4 @@
-"""Node `object_search`: finds an object by driving to where it can be seen.
-
-In: `world_state` (WorldState), `map` (OccupancyGrid, optional), tf map -> base_link. In and out: `base_available`
-(Bool: false while it searches). Out: `search_goal` (PoseStamped), `search_markers`. Action: `find_object`. Calls, if
-told to: nav2's `navigate_to_pose`.
-"""
+"""Node `object_search`: finds an object by driving to where it can be seen."""
 
 from __future__ import annotations
 
@@ -296,7 +291,6 @@ class ObjectSearchNode(SuiteNode):
         result.pose = pose_stamped(self._header(), np.array([*found.position[:2], 0.0]))
 
     def _tell(self, handle: Any, step: SearchStep, said: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Publish goal and feedback where they are new."""
         self._reason = step.reason
         # The same words may be about another place.
         spot = () if step.goal is None else tuple(np.round(step.goal / SAME).tolist())
@@ -353,7 +347,6 @@ def _markers(header: Header, step: SearchStep) -> MarkerArray:
 
 
 def main() -> None:
-    """Entry point of the executable `object_search`."""
     exit_with(ObjectSearchNode)
 
 

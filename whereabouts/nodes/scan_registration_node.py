@@ -1,9 +1,4 @@
-"""Node `scan_registration`: follows the robot by its laser scans or clouds.
-
-In: `scan` (LaserScan, one or several topics) or `points` (PointCloud2), `wheel_odom` (Odometry, optional), tf.
-Out: `odometry` (Odometry with covariance), tf odom -> base_link unless somebody else has that frame, `static_points`
-(PointCloud2 without movers), `segments` (ScanSegments: what moves in each scan of a single level scanner, and how).
-"""
+"""Node `scan_registration`: follows the robot by its laser scans or clouds."""
 
 from __future__ import annotations
 
@@ -288,7 +283,6 @@ def _conjugate(level: Array, motion: Array, covariance: Array) -> Array:
 
 
 def main() -> None:
-    """Entry point of the executable `scan_registration`."""
     exit_with(ScanRegistrationNode)
 
 

@@ -1,9 +1,4 @@
-"""Node `target_tracker`: people in laser scans, counted and followed, hidden ones too.
-
-In: `scan` (LaserScan), tf odom -> base_link -> scanner; optional: `segments` (ScanSegments), and `odometry` (Odometry)
-or `robot_pose` (PoseWithCovarianceStamped) for how uncertain the robot's pose is.
-Out: `targets` (TargetArray; states and covariances in the frame of its header), `~/markers`.
-"""
+"""Node `target_tracker`: people in laser scans, counted and followed, hidden ones too."""
 
 from __future__ import annotations
 
@@ -140,7 +135,6 @@ class TargetTrackerNode(SuiteNode):
 
 
 def main() -> None:
-    """Entry point of the executable `target_tracker`."""
     exit_with(TargetTrackerNode)
 
 

@@ -1,6 +1,5 @@
 """Node `verifier`: looks into a region and says whether the object is there.
 
-In: `scan` (LaserScan) or `points` (PointCloud2), `map` (OccupancyGrid, optional), tf. Action: `verify_object`.
 Replaceable by whatever can recognise objects better.
 """
 
@@ -161,7 +160,6 @@ class VerifierNode(SuiteNode):
 
 
 def _appearance(request: Any) -> Appearance:
-    """What a request says of how the object looks."""
     size: tuple[float, float] | None = None
     colors: dict[str, float] = {}
     for item in request.attributes:
@@ -173,7 +171,6 @@ def _appearance(request: Any) -> Appearance:
 
 
 def main() -> None:
-    """Entry point of the executable `verifier`."""
     exit_with(VerifierNode)
 
 

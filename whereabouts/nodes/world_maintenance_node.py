@@ -1,10 +1,4 @@
-"""Node `world_maintenance`: decides which object to look at again, and has it done.
-
-In: `world_state` (WorldState), `base_available` (Bool), `map` (OccupancyGrid, optional), tf map -> base_link.
-Out: `verification_tasks` (VerificationTask), `maintenance_goal` (PoseStamped), `evidence` (WorldEvidence: what the
-verifier measured). Service: `~/trigger`. Calls: action `verify_object`; if told to, nav2's `navigate_to_pose`, and
-`find_object` for what was looked for in vain.
-"""
+"""Node `world_maintenance`: decides which object to look at again, and has it done."""
 
 from __future__ import annotations
 
@@ -325,7 +319,6 @@ class WorldMaintenanceNode(SuiteNode):
     # Helpers.
 
     def _now(self) -> float:
-        """s of the node's clock."""
         return self.now / NANOSECONDS
 
     def _header(self) -> Header:
@@ -337,7 +330,6 @@ class WorldMaintenanceNode(SuiteNode):
 
 
 def main() -> None:
-    """Entry point of the executable `world_maintenance`."""
     exit_with(WorldMaintenanceNode)
 
 

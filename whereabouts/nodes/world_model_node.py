@@ -1,10 +1,4 @@
-"""Node `world_model`: which objects exist and where they are, with a memory.
-
-In: `evidence` (WorldEvidence), `detections` (vision_msgs/Detection3DArray), `detections_2d` (Detection2DArray) with
-`camera_info` and `depth` or `scan`, `targets` (TargetArray), `predicted_paths` (PredictedPathArray, optional),
-`robot_pose` (PoseWithCovarianceStamped, optional), tf. Out: `world_state`, `world_hypotheses`, `objects`
-(vision_msgs/Detection3DArray), `~/markers`. Services: `~/query`, `~/forget`, `~/relabel`, `~/save`, `~/reset`.
-"""
+"""Node `world_model`: which objects exist and where they are, with a memory."""
 
 from __future__ import annotations
 
@@ -285,7 +279,6 @@ class WorldModelNode(SuiteNode):
 
 
 def main() -> None:
-    """Entry point of the executable `world_model`."""
     exit_with(WorldModelNode)
 
 

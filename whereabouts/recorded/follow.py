@@ -35,7 +35,6 @@ class FollowedPose:
 
     @property
     def view(self) -> Scan | Array:
-        """What was seen: a scan, or points (N, 3)."""
         return self.record.scan if isinstance(self.record, ScanRecord) else self.record.points
 
     @property
@@ -57,11 +56,9 @@ class Follower:
         self._last_stamp: int | None = None
 
     def add_wheels(self, record: OdometryRecord) -> None:
-        """A wheel odometry message."""
         self._history.insert(round(record.stamp * NANOSECONDS), np.asarray(record.pose))
 
     def add_scan(self, record: ScanRecord) -> FollowedPose:
-        """The next scan."""
         mount = np.zeros(3) if record.sensor_pose is None else np.asarray(record.sensor_pose)
         motion, wheels = self._motion(record)
         stamp = round(record.stamp * NANOSECONDS)
@@ -75,7 +72,6 @@ class Follower:
         return self._followed(record, robot, wheels)
 
     def add_cloud(self, record: CloudRecord) -> FollowedPose:
-        """The next cloud."""
         stamp = round(record.stamp * NANOSECONDS)
         motion = None if self._last_stamp is None else self._history.motion(self._last_stamp, stamp, 0.5)
         self._last_stamp = stamp

@@ -59,7 +59,6 @@ def map_log(
 
 
 def add(mapped: Mapped, followed: FollowedPose) -> None:
-    """One more scan."""
     mount, sensor = followed.mount, followed.pose
     mapped.stamps.append(followed.stamp)
     mapped.odometry.append(followed.pose)

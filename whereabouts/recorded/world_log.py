@@ -64,7 +64,6 @@ class EvidenceLog:
 
     @property
     def progress(self) -> float:
-        """Share of the bag that has been read."""
         return self._bag.progress
 
     def __iter__(self) -> Iterator[LoggedLook]:
@@ -159,7 +158,6 @@ class EvidenceLog:
         return chain[-1] if transforms.moving.keys() & set(chain) else frame
 
     def close(self) -> None:
-        """Release files."""
         self._bag.close()
 
     def __enter__(self) -> EvidenceLog:

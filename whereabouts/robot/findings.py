@@ -173,7 +173,6 @@ def _mounting(survey: Survey, choice: Choice) -> Iterator[Finding]:
 
 
 def _who(survey: Survey, child: str) -> str:
-    """Where the transforms of a frame came from."""
     topics = sorted({name for edge in survey.edges.values() if edge.child == child for name in edge.topics})
     nodes = sorted(
         {node for name in topics if name in survey.topics for node in survey.topics[name].publishers}

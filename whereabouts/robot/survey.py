@@ -53,7 +53,6 @@ class SeenTopic:
     refused: Counter[str] = field(default_factory=Counter)
 
     def note(self, stamp: float, frame: str, received: float) -> None:
-        """One more message."""
         self.count += 1
         self.frame = frame
         first = stamp if self.stamps is None else min(self.stamps[0], stamp)
@@ -63,7 +62,6 @@ class SeenTopic:
 
     @property
     def blind(self) -> bool:
-        """Whether a scanner has seen nothing at all."""
         return self.empty == self.count
 
     @property
@@ -80,7 +78,6 @@ class SeenTopic:
 
     @property
     def lag(self) -> float | None:
-        """Median of the lags, s."""
         return float(np.median(self.lags)) if self.lags else None
 
 
@@ -134,7 +131,6 @@ class Survey:
     suite: frozenset[str] = frozenset()
 
     def of(self, *kinds: str) -> list[SeenTopic]:
-        """Topics of some types, by name."""
         return [self.topics[name] for name in sorted(self.topics) if self.topics[name].kind in kinds]
 
     def add_transform(self, parent: str, child: str, matrix: Array, stamp: float, topic: str) -> None:
@@ -153,7 +149,6 @@ class Survey:
         return sorted({f"/{topic.strip('/')}".rpartition("/")[0] for topic in topics})
 
     def parents(self, child: str) -> list[str]:
-        """All parents a frame was given, sorted."""
         return sorted({edge.parent for edge in self.edges.values() if edge.child == child})
 
     def chain(self, frame: str, known: frozenset[str] = frozenset()) -> list[str]:
@@ -174,10 +169,8 @@ class Survey:
         return pose
 
     def frames(self) -> set[str]:
-        """All frames of tf."""
         return {name for edge in self.edges for name in edge}
 
 
 def names(items: Iterable[SeenTopic]) -> str:
-    """Topics as a list in words."""
     return ", ".join(item.name for item in items)

@@ -59,7 +59,6 @@ class RerunSink:
         self._recording.disconnect()
 
     def draw(self, stamp: float, shapes: Iterable[Shape]) -> None:
-        """Shapes that hold from `stamp` (s) on."""
         self._recording.set_time(TIMELINE, timestamp=stamp)
         for shape in shapes:
             static = isinstance(shape, PlaceShape) and shape.static

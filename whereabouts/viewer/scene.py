@@ -64,7 +64,6 @@ class Scene:
 
     @property
     def types(self) -> frozenset[str]:
-        """Message types that are drawn."""
         return frozenset(self._handlers)
 
     def take(self, type_name: str, topic: str, message: Any) -> list[Shape]:

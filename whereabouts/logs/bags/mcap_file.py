@@ -151,7 +151,6 @@ class McapFile(ChunkedFile):
             )
 
     def _read(self, opcode: int, content: bytes, offset: int) -> list[Stored]:
-        """Messages of a record outside the index."""
         if opcode == Opcode.CHUNK:
             return self._unpack(content, offset)
         if opcode == Opcode.MESSAGE:

@@ -89,12 +89,10 @@ class RawMessage:
 
     @property
     def name(self) -> str:
-        """Name of the topic as recorded."""
         return self.topic.name
 
     @property
     def type_name(self) -> str:
-        """Such as "sensor_msgs/msg/LaserScan"."""
         return self.topic.type_name
 
     def decoded(self) -> Any:
@@ -149,7 +147,6 @@ class RawLog:
             yield RawMessage(topic, data, stored.log_time)
 
     def close(self) -> None:
-        """Release files."""
         self._bag.close()
 
     def __enter__(self) -> RawLog:

@@ -124,7 +124,6 @@ class Ros1File(ChunkedFile):
             offset = following
 
     def _read(self, operation: int, fields: Fields, data: bytes, offset: int) -> list[Stored]:
-        """Messages of a record outside the index."""
         if operation == CHUNK:
             return self._unpack(fields, data, offset)
         if operation == CONNECTION:

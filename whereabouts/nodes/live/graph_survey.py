@@ -32,7 +32,6 @@ def survey_graph(seconds: float) -> Survey:
         look_at_message(survey, seen, message, 1e-9 * arrival)
 
     def look(node: Node, _: list[str]) -> None:
-        """Who publishes what."""
         for name, kinds in node.get_topic_names_and_types():
             infos = node.get_publishers_info_by_topic(name)
             if infos:
@@ -53,7 +52,6 @@ def survey_graph(seconds: float) -> Survey:
 
 
 def _troubles(suite: dict[str, Any]) -> list[str]:
-    """What running nodes of the suite complain about."""
     troubles = []
     if suite:
         names = ", ".join(f"/{name}" for name in sorted(suite))

@@ -28,7 +28,6 @@ class MapFiles:
         node.add_service(LoadMap, "~/load_map", self._load)
 
     def save_regularly(self) -> None:
-        """Write the map that is being made."""
         # What is saved is not lost to the little that is known after a jump of time.
         if len(self._map.slam.keyframes) and self._map.localizer is None and self._map.earlier is None:
             self._write(Path(self._node.settings.map_file))

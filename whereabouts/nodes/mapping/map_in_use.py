@@ -153,7 +153,6 @@ class MapInUse:
         self.changed = True
 
     def look_anew(self) -> None:
-        """Look for the robot in the whole map."""
         self.earlier = None
         self._look_in(self.slam, self.extend)
 
@@ -174,7 +173,6 @@ class MapInUse:
 
     @property
     def flat(self) -> bool:
-        """Whether there is a map of scans."""
         return len(self.slam.keyframes) > 0 and self.slam.keyframes[0].scan is not None
 
     def draw(self) -> None:

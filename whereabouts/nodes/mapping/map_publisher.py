@@ -93,7 +93,6 @@ class MapPublisher:
         self._markers_due = False
 
     def forget(self) -> None:
-        """A new run."""
         self._markers_due = False
 
     def send(self) -> None:
@@ -122,7 +121,6 @@ class MapPublisher:
             self._markers.publish(marker_messages(self._header(made.stamp), made.slam))
 
     def send_changes(self) -> None:
-        """What has changed of the grid."""
         made = self._map
         if made.changed and made.stamp is not None and self._output.updates_wanted(made.grid):
             made.draw()
@@ -157,7 +155,6 @@ class MapTransform:
         self.forget()
 
     def forget(self) -> None:
-        """A new run."""
         self._told = 0  # ns of the node's clock when the correction was last sent
         self._told_correction: Array | None = None
         self._told_until = self._stamp_before = 0  # ns up to which it is valid; of the scan before

@@ -36,7 +36,6 @@ class OdometrySource:
         self.clear()
 
     def clear(self) -> None:
-        """Forget everything."""
         self._heard = MovingFrame("odometry")
         self._child = self._base
         self._offset: Array | None = None

@@ -11,11 +11,9 @@ __all__ = ["NANOSECONDS", "duration_message", "nanoseconds", "seconds", "time_me
 
 
 def time_message(total: int) -> Time:
-    """Nanoseconds as a message stamp."""
     return Time(sec=total // NANOSECONDS, nanosec=total % NANOSECONDS)
 
 
 def duration_message(seconds: float) -> Duration:
-    """Seconds as a message."""
     total = round(seconds * NANOSECONDS)
     return Duration(sec=total // NANOSECONDS, nanosec=total % NANOSECONDS)

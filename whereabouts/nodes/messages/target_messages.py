@@ -18,7 +18,6 @@ from whereabouts_msgs.msg import Target as TargetMessage
 
 
 def targets_message(header: Header, people: Sequence[Person], expected_count: float) -> TargetArray:
-    """Tracked people as targets."""
     return TargetArray(
         header=header, targets=[_target(person) for person in people], expected_count=float(expected_count)
     )

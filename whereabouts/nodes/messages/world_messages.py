@@ -48,7 +48,6 @@ class ObjectMessages:
         return made
 
     def keep(self, objects: Iterable[WorldObject]) -> None:
-        """Forget the messages of all other objects."""
         wanted = {id(item) for item in objects}
         self._made = {number: made for number, made in self._made.items() if number in wanted}
 

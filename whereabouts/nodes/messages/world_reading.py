@@ -53,11 +53,9 @@ class LatestState:
         self._state: WorldState | None = None
 
     def take(self, message: Packed) -> None:
-        """Keep a message instead of the one before."""
         self._news = message
 
     def forget(self) -> None:
-        """Begin anew."""
         self._news = self._state = None
 
     @property

@@ -47,7 +47,6 @@ class Errands:
         self.forget()
 
     def forget(self) -> None:
-        """A new run begins."""
         self._waiting: dict[str, str] = {}
         self._searching = ""
         self._not_before = -float("inf")

@@ -32,7 +32,6 @@ class Approach:
         self.forget()
 
     def forget(self) -> None:
-        """The next goal is a new one."""
         self._goal: Array | None = None
         self._nearest, self._since = math.inf, 0.0
 
@@ -80,12 +79,10 @@ class Navigator:
 
     @property
     def ready(self) -> bool:
-        """Whether nav2 is there."""
         return self._client is not None and bool(self._client.server_is_ready())
 
     @property
     def figures(self) -> dict[str, object]:
-        """What a node says of it in its diagnostics."""
         if self._client is None:
             return {}
         told: dict[str, object] = {"nav2 recoveries": self.recoveries}
@@ -115,14 +112,12 @@ class Navigator:
             self._send(self._drive)
 
     def stop(self) -> None:
-        """Nobody wants the robot there any more."""
         self._begin()
         drive, self._drive = self._drive, None
         if drive is not None and drive.handle is not None:
             drive.handle.cancel_goal_async()
 
     def close(self) -> None:
-        """Before the node goes on without it."""
         self.stop()
         if self._client is not None:
             self._client.destroy()

@@ -1,7 +1,4 @@
-"""Where people will be as a mask for nav2's costmap filters: KeepoutFilter takes it as it is.
-
-Out: `people_mask` (OccupancyGrid) and `people_filter_info` (CostmapFilterInfo), both latched.
-"""
+"""Where people will be as a mask for nav2's costmap filters: KeepoutFilter takes it as it is."""
 
 from __future__ import annotations
 
@@ -47,7 +44,6 @@ class PeopleMask:
         self.forget()
 
     def forget(self) -> None:
-        """Nobody is known to be there."""
         self._people: Mapping[int, Prediction] = {}
         self._stamp, self._silent = 0.0, 0
 

@@ -235,6 +235,5 @@ def private_node(name: str, namespace: str = "") -> tuple[Node, NodeExecutor]:
 
 
 def leave(node: Node) -> None:
-    """End the node and its context."""
     node.destroy_node()
     node.context.try_shutdown()

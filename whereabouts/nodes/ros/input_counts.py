@@ -49,7 +49,6 @@ class MessageGaps:
         self._last_stamp: int | None = None
 
     def new_run(self) -> None:
-        """Stamps begin anew."""
         self._periods.clear()
         self._last_stamp = None
 

@@ -262,7 +262,6 @@ class Input:
 
     @property
     def waiting(self) -> int:
-        """How many messages wait for their transforms."""
         return len(self._waiting)
 
     def serve_waiting(self, reported: bool = False, give_up: bool = False) -> None:
@@ -304,7 +303,6 @@ class Input:
         self._node.complain(f"{self.topic}: {reason}: {detail}", key=(self.topic, reason), defect=defect)
 
     def new_run(self) -> None:
-        """Forget what belongs to the run before."""
         if self._waiting:
             self.counts.drops["run ended while waiting"] += len(self._waiting)
             self._waiting.clear()
@@ -335,7 +333,6 @@ class Input:
             self.acknowledge(stamp)
 
     def acknowledge(self, stamp: int) -> None:
-        """Say that what came last is done with."""
         self._told_lost = self.counts.missing
         message = Processed(
             stamp=time_message(stamp),

@@ -98,7 +98,6 @@ class Audience:
         self._subscriptions = [self._listen(name) for name in watched]
 
     def close(self) -> None:
-        """Listen no more."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 

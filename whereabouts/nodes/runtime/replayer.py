@@ -136,11 +136,9 @@ class Replayer:
 
     @property
     def progress(self) -> float:
-        """Share of the bag that has been sent."""
         return self._log.progress
 
     def close(self) -> None:
-        """Release the bag and all publishers."""
         self._log.close()
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
@@ -171,7 +169,6 @@ class Replayer:
         self.flow.note(watched, received, published)
 
     def _name(self, recorded: str) -> str:
-        """Full name of a topic of the bag."""
         name = f"/{recorded.lstrip('/')}"
         return name if name.startswith(f"{self._namespace}/") else f"{self._namespace}{name}"
 
@@ -289,7 +286,6 @@ class Replayer:
             waiting &= self._turns.busy
 
     def _wait_while(self, waiting: Set[str]) -> None:
-        """Until nobody is waited for any more."""
         now = time.monotonic()
         deadline, care = now + SILENCE, now + CARE_PERIOD
         while waiting and now < deadline:

@@ -107,7 +107,6 @@ class SuiteRun:
 
 
 def replay_spec(executable: str, namespace: str = "", **parameters: Any) -> NodeSpec:
-    """A node set up for replay."""
     return NodeSpec(executable, namespace, {**REPLAY_PARAMETERS, **parameters})
 
 

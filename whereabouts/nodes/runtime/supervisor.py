@@ -86,11 +86,9 @@ class NodeSpec:
 
     @property
     def full_name(self) -> str:
-        """Fully qualified node name."""
         return f"{self.namespace.rstrip('/')}/{self.executable}"
 
     def command(self) -> list[str]:
-        """The process's command line."""
         command = [sys.executable, "-m", f"whereabouts.nodes.{self.executable}_node", "--ros-args"]
         if self.namespace:
             command += ["-r", f"__ns:={self.namespace}"]
@@ -164,12 +162,10 @@ class ManagedNode:
         return recent
 
     def restart(self) -> None:
-        """Start again."""
         self.due = None
         self.process = self._start()
 
     def log_tail(self, lines: int = 15) -> str:
-        """The end of its output."""
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
 
@@ -206,7 +202,6 @@ class Supervisor:
         self.stop()
 
     def start(self, spec: NodeSpec) -> ManagedNode:
-        """Start one node."""
         self.log_directory.mkdir(parents=True, exist_ok=True)
         log = self.log_directory / f"{spec.full_name.strip('/').replace('/', '.')}.log"
         log.unlink(missing_ok=True)
