@@ -21,6 +21,7 @@ class Log(ABC):
     path : what was opened.
     format : short name of the format ("carmen", "g2o", "rosbag1", "rosbag2").
     summary : account of the running or last pass; complete when the iterator is exhausted.
+    place : where in the file the last record stood, such as "line 12" or "byte 4096".
 
     Iteration raises DamagedLogError where reading on is not possible and NothingRecognisedError at the end of
     a file that held no record at all.
@@ -31,7 +32,7 @@ class Log(ABC):
     def __init__(self, path: Path, topics: Iterable[str] | None = None) -> None:
         self.path = path
         self.summary = Summary()
-        self._place = ""
+        self.place = ""
         self._wanted = topic_names(topics)
 
     @abstractmethod
@@ -45,11 +46,6 @@ class Log(ABC):
 
     def close(self) -> None:  # noqa: B027 - most formats hold nothing open between passes
         """Release temporary files. Reading again afterwards is not possible for every format."""
-
-    @property
-    def place(self) -> str:
-        """Where in the file the last record stood, such as "line 12" or "byte 4096"."""
-        return self._place
 
     def wants(self, topic: str) -> bool:
         """Whether the caller asked for this topic (all of them when none was named)."""

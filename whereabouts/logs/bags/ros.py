@@ -49,7 +49,7 @@ class RosLog(Log):
         for stored in self._bag.messages():
             messages += 1
             if self.wants(stored.topic.name):
-                self._place = stored.where
+                self.place = stored.where
                 yield from self._decode(stored)
         if not messages:
             note = f"; {next(iter(self.summary.notes))}" if self.summary.notes else ""

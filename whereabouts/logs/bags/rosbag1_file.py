@@ -20,7 +20,7 @@ from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import DamagedLogError, UnknownFormatError
 
 VERSION = re.compile(rb"#ROSBAG V(\d+\.\d+)\n")
-MESSAGE, BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 5, 6, 7
+MESSAGE, CHUNK, CHUNK_INFO, CONNECTION = 2, 5, 6, 7
 Fields = dict[bytes, bytes]
 
 _LENGTH = struct.Struct("<I")

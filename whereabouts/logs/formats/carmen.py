@@ -82,7 +82,7 @@ class CarmenLog(TextLog):
                 continue
             recognised += 1
             if record is not None and self.wants(record.topic):
-                self._place = f"line {number}"
+                self.place = f"line {number}"
                 yield record
         if not recognised:
             raise NothingRecognisedError(

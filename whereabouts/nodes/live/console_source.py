@@ -48,7 +48,7 @@ class LiveSource:
         self._waiting: deque[tuple[str, bytes]] = deque(maxlen=10_000)
         self._newest: dict[str, bytes] = {}
         self._lock = threading.Lock()
-        self._count = 0
+        self.version = 0
         self._search: Shown | None = None
         self._running: RunningSearch | None = None
         self._ended = threading.Event()
@@ -70,10 +70,6 @@ class LiveSource:
         leave(self._node)
         if self._past is not None:
             self._past.close()
-
-    @property
-    def version(self) -> int:
-        return self._count
 
     def world(self) -> Shown:
         with self._lock:
@@ -115,7 +111,7 @@ class LiveSource:
                     self._waiting.append((topic, data))
                 else:
                     self._newest[topic] = data
-                self._count += 1
+                self.version += 1
 
         return keep
 
@@ -160,11 +156,11 @@ class LiveSource:
     def _told(self, asked: Shown, step: FindObject.Feedback) -> None:
         # A search ends when another one is asked for: what it says last is not about the new one.
         asked["text"] = str(step.reason)
-        self._count += 1
+        self.version += 1
 
     def _found(self, asked: Shown, result: FindObject.Result) -> None:
         asked |= {"text": str(result.message), "done": True, "found": result.code == result.FOUND}
-        self._count += 1
+        self.version += 1
 
     def _cancel(self, _: dict[str, Any]) -> str:
         running = self._running
