@@ -21,10 +21,9 @@ from whereabouts.viewer.people_shapes import predictions, targets
 STATIC, MOVING, UNKNOWN = (90, 90, 90), (230, 40, 40), (190, 170, 120)
 TRAVELLED, WHEELS, MAP, SEARCH = (60, 110, 230), (170, 170, 170), (40, 40, 40), (20, 160, 80)
 OCCUPIED = 50
-CLOUD_LIMIT = 20_000
 SCANS_KEPT = 50
 USUAL_NAMES = {"targets": "people", "world_state": "objects"}
-TRAVEL_LIMIT, TRAVEL_STEP = 20_000, 0.05
+MOST_POINTS, TRAVEL_STEP = 20_000, 0.05  # of a cloud or of a way; m between two of a way
 ROBOT = np.array([[-0.2, -0.2, 0.05], [0.3, 0.0, 0.05], [-0.2, 0.2, 0.05], [-0.2, -0.2, 0.05]])
 ARROW = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.35, 0.1, 0.0], [0.5, 0.0, 0.0], [0.35, -0.1, 0.0]])
 
@@ -104,7 +103,7 @@ class Scene:
 
     def _cloud(self, message: Any, topic: str) -> Iterable[Shape]:
         for record in clouds(message, topic):
-            step = max(1, -(-len(record.points) // CLOUD_LIMIT))
+            step = max(1, -(-len(record.points) // MOST_POINTS))
             name = _name(topic)
             sensor = name not in ("map_points", "predicted_occupancy")
             path = f"{self.frames.path(record.frame_id, sensor)}/{name}"
@@ -130,7 +129,7 @@ class Scene:
         if way and np.hypot(here[0] - way[-1][0], here[1] - way[-1][1]) < TRAVEL_STEP:
             return
         way.append(here)
-        del way[:-TRAVEL_LIMIT]
+        del way[:-MOST_POINTS]
         # Every step a line of all steps would be quadratic in what is stored.
         if len(way) < 20 or len(way) % 10 == 0:
             name = _name(topic)
