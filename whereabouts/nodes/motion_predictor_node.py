@@ -120,7 +120,7 @@ class MotionPredictorNode(SuiteNode):
         check_frame("map", message.header.frame_id, self.settings.map_frame)
         self._obstacles = Obstacles(occupied_points(message))
         if self._mask is not None:
-            self._mask.take_map(message.info)
+            self._mask.map = message.info
 
     def _take_targets(self, message: TargetArray, stamp: int) -> None:
         settings = self.settings

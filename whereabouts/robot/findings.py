@@ -41,18 +41,8 @@ note = partial(Finding, "note")
 def findings(survey: Survey, choice: Choice) -> list[Finding]:
     """All there is to say, the gravest first."""
     parts = (
-        _sensors,
-        _refused,
-        _namespaces,
-        _tree,
-        _mounting,
-        _publishers,
-        _clocks,
-        _qos,
-        _odometry,
-        _objects,
-        _others,
-    )
+        _sensors, _refused, _namespaces, _tree, _mounting, _publishers, _clocks, _qos, _odometry, _objects, _others
+    )  # fmt: skip
     said = [finding for part in parts for finding in part(survey, choice)]
     return sorted(said, key=lambda finding: ("error", "warning", "note").index(finding.level))
 

@@ -9,7 +9,6 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import yaml
 import zstandard
@@ -161,7 +160,8 @@ class BagDirectory:
             raise UnknownFormatError(
                 self.path, f"is no rosbag2 directory: neither {METADATA} nor a .mcap or .db3 file in it"
             )
-        return sorted(files, key=_by_number)
+        # `bag_10` comes after `bag_2`.
+        return sorted(files, key=lambda path: (list(map(int, re.findall(r"\d+", path.name))), path.name))
 
     def _described(self) -> list[Path]:
         source = self.path / METADATA
@@ -169,7 +169,9 @@ class BagDirectory:
             information = yaml.safe_load(source.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
             names = [PurePosixPath(str(name)).name for name in information["relative_file_paths"]]
             for entry in information.get("topics_with_message_count") or ():
-                self._describe(entry["topic_metadata"])
+                topic = entry["topic_metadata"]
+                qos = parse_qos(topic.get("offered_qos_profiles") or "")
+                self._recorded[topic["name"], topic["type"]] = topic.get("type_description_hash") or "", qos
         except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
             problem = "is no rosbag2 metadata; without it the files beside it are read on their own"
             raise DamagedLogError(source, problem) from error
@@ -184,13 +186,3 @@ class BagDirectory:
         if missing or not files:
             raise LogNotFoundError(self.path, f"files named in {METADATA} are missing: {', '.join(missing)}")
         return files
-
-    def _describe(self, topic: dict[str, Any]) -> None:
-        type_hash = topic.get("type_description_hash") or ""
-        qos = parse_qos(topic.get("offered_qos_profiles") or "")
-        self._recorded[topic["name"], topic["type"]] = type_hash, qos
-
-
-def _by_number(path: Path) -> tuple[list[int], str]:
-    """`bag_10` comes after `bag_2`."""
-    return [int(digits) for digits in re.findall(r"\d+", path.name)], path.name

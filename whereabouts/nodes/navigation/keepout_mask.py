@@ -39,17 +39,14 @@ class PeopleMask:
             raise InputError(f"publish_mask: nav2_msgs is not installed ({error})") from error
         self._info_output = node.add_output(self._kind, "people_filter_info", LATCHED)
         self._mask_output = node.add_output(OccupancyGrid, "people_mask", LATCHED)
-        self._map: MapMetaData | None = None
+        # The filter takes the mask's cells for the costmap's where it marks what has changed: they have to agree.
+        self.map: MapMetaData | None = None
         self._sent: tuple[Any, ...] = ()
         self.forget()
 
     def forget(self) -> None:
         self._people: Mapping[int, Prediction] = {}
         self._stamp, self._silent = 0.0, 0
-
-    def take_map(self, info: MapMetaData) -> None:
-        """The filter takes the mask's cells for the costmap's where it marks what has changed: they have to agree."""
-        self._map = info
 
     def hear(self, people: Mapping[int, Prediction], stamp: float) -> None:
         """Predictions made at a stamp, s."""
@@ -60,7 +57,7 @@ class PeopleMask:
         self._silent += 1
         if self._silent > PATIENCE:
             self._people = {}
-        info = self._map
+        info = self.map
         if info is None:
             return
         values = mask_values(self._people, self._stamp, info, ways, radius)
