@@ -169,7 +169,7 @@ def _looks(source: Path, settings: WorldModelParameters) -> Iterator[LoggedLook]
         np.diag(np.square([settings.position_sigma, settings.position_sigma, settings.heading_sigma])),
     )
     with EvidenceLog(source, reader, frame, camera) as log, share_bar(f"reading {source.name}") as share:
-        for count, look in enumerate(log):
+        for count, look in enumerate(log.looks()):
             if count % 50 == 0:
                 share(log.progress)
             yield look

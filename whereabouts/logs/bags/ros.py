@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from whereabouts.logs.bags.bag_directory import open_bag
 from whereabouts.logs.bags.ros_types import decoded
@@ -149,7 +149,7 @@ class RawLog:
     def close(self) -> None:
         self._bag.close()
 
-    def __enter__(self) -> RawLog:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
