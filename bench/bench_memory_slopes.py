@@ -34,13 +34,13 @@ from sensor_msgs.msg import LaserScan
 from estimation.geometry.poses import between, compound, pose_to_quaternion
 from registration import Scan
 from whereabouts.logs.bags.encode import header, xyz
+from whereabouts.messages.type_names import EVIDENCE
 from whereabouts.nodes.loop_closure_node import LoopClosureNode
 from whereabouts.nodes.messages.conversions import array_of, spatial
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.nodes.world_model_node import WorldModelNode
-from whereabouts.recorded.world_log import EVIDENCE
 from whereabouts.simulation.home.apartment_bag import START, TARGETS
 from whereabouts.simulation.home.apartment_day import LASER_MOUNT, THINGS, ApartmentDay
 from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT

@@ -11,9 +11,14 @@ from pathlib import Path
 
 from whereabouts.node_interfaces import NODE_INTERFACES, Interface, interfaces_of
 from whereabouts.node_names import NODES
-from whereabouts.parameters.description import allowed, extra
-from whereabouts.parameters.parameter_base import NodeParameters, SharedParameters
-from whereabouts.parameters.registry import expert_names, model_of
+from whereabouts.parameters.parameter_base import (
+    NodeParameters,
+    SharedParameters,
+    allowed,
+    expert_names,
+    extra,
+    model_of,
+)
 from whereabouts.parameters.yaml_text import section
 
 SUMMARIES = {

@@ -12,9 +12,7 @@ from pydantic import ValidationError
 
 from estimation.errors import InputError
 from whereabouts.node_names import NODES
-from whereabouts.parameters.description import explain
-from whereabouts.parameters.parameter_base import NodeParameters
-from whereabouts.parameters.registry import model_of
+from whereabouts.parameters.parameter_base import NodeParameters, explain, model_of
 
 # What every ROS node has, and what is not checked here.
 ROS_OWN = ("use_sim_time",)

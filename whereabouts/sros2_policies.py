@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 
 from whereabouts.node_interfaces import Interface, interfaces_of
 from whereabouts.node_names import NODES
-from whereabouts.parameters.registry import model_of
+from whereabouts.parameters.parameter_base import model_of
 from whereabouts.suite_config import NodeConfig, SuiteConfig
 
 VERSION = "0.2.0"  # of sros2's policy schema

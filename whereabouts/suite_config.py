@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from estimation.errors import InputError
 from whereabouts.node_names import NODES
 from whereabouts.parameter_file import hint, is_parameter_file, problems_of, problems_of_file, read_yaml
-from whereabouts.parameters.registry import model_of
+from whereabouts.parameters.parameter_base import model_of
 
 
 class SuiteConfigError(InputError):

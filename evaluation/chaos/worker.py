@@ -36,8 +36,8 @@ from whereabouts.nodes.messages import transforms
 from whereabouts.nodes.messages.envelopes import envelope
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.ros.base import SuiteNode, start
-from whereabouts.nodes.ros.budget import Budget, Purse
 from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.input_counts import Budget, Purse
 
 HERE = (0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0)
 # Messages between two looks at timers, two calls of each service and two goals of each action.

@@ -163,7 +163,7 @@ def node_parameters(path: Path) -> dict[str, dict[str, Any]]:
     ------
     NothingRecognisedError : there are neither scans nor clouds in it.
     """
-    from whereabouts.parameters.registry import model_of
+    from whereabouts.parameters.parameter_base import model_of
     from whereabouts.robot.bags import survey_bag
     from whereabouts.robot.choice import choose
     from whereabouts.robot.findings import findings

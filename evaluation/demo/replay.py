@@ -74,7 +74,7 @@ def replay(
             replayer = run.replayer
             director.note = replayer.note
             if rate is None:
-                director.is_over = lambda name: replayer.sent_by_nodes(name) > 0
+                director.is_over = lambda name: replayer.flow.published(name) > 0
             director.look(message)
             nodes = run.supervisor.nodes.items()
             meter.look({name: node.process.pid for name, node in nodes})

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 from whereabouts.cli.main import app
 from whereabouts.node_names import NODES
 from whereabouts.parameter_file import parameters_for, problems_of_file
-from whereabouts.parameters.parameter_base import SharedParameters
-from whereabouts.parameters.registry import model_of
+from whereabouts.parameters.parameter_base import SharedParameters, model_of
 from whereabouts.system.counting import counted
 
 

@@ -134,7 +134,7 @@ def test_boxes_are_placed_and_what_is_missing_has_gone(tmp_path: Path, packed: b
     )
     told = []
     with log:
-        for look in log:
+        for look in log.looks():
             state = model.update(look.evidence, look.stamp)
             told.append({item.most_probable("class"): item.position for item in state.objects})
     assert len(told) == 42
@@ -158,7 +158,7 @@ def test_every_reason_why_nothing_was_usable_is_said(tmp_path: Path) -> None:
             NothingRecognisedError, match=r"(?s)older than the oldest transform.*no depth image of 'eye'"
         ),
     ):
-        list(log)
+        list(log.looks())
 
 
 def test_boxes_that_have_no_place_are_counted(tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_boxes_that_have_no_place_are_counted(tmp_path: Path) -> None:
         recorder.info()
         recorder.look({"cup-1": CUP}, 5)
     with EvidenceLog(tmp_path / "camera.mcap", Reader({"class": ["cup"]}, ("class",), 0.03)) as log:
-        looks = list(log)
+        looks = list(log.looks())
     assert not any(look.evidence.objects for look in looks)
     (said,) = log.summary.lines()
     assert "sides of at least a pixel" in said
@@ -190,7 +190,7 @@ def test_boxes_without_depth_are_skipped_and_said(tmp_path: Path) -> None:
         EvidenceLog(path, Reader({"class": ["cup", "bowl"]}, ("class",), 0.03)) as log,
         pytest.raises(NothingRecognisedError, match=r"no depth image of 'eye' within 0\.05 s"),
     ):
-        list(log)
+        list(log.looks())
 
 
 def in_space(path: Path, mapped: bool) -> Path:
@@ -218,7 +218,7 @@ def in_space(path: Path, mapped: bool) -> Path:
 def test_detections_in_the_frame_of_a_driving_camera_are_placed(tmp_path: Path) -> None:
     reader = Reader({"class": ["cup", "bowl"]}, ("class",), 0.03)
     with EvidenceLog(in_space(tmp_path / "driven.mcap", True), reader) as log:
-        looks = list(log)
+        looks = list(log.looks())
     # Of the first there is no transform before it; each of the others waits for the one after it.
     assert [look.stamp for look in looks] == [11.0, 12.0, 13.0, 14.0, 15.0, 16.0, 17.0]
     assert {look.frame for look in looks} == {"map"}
@@ -240,14 +240,14 @@ def test_a_bag_whose_messages_are_compressed_is_unpacked_once(tmp_path: Path) ->
                 )
             packed.write(connections[raw.name], raw.log_time, raw.data)
     with EvidenceLog(tmp_path / "packed", Reader({"class": ["cup"]}, ("class",), 0.03)) as log:
-        assert len(list(log)) == 7
+        assert len(list(log.looks())) == 7
     assert not any("do not fit" in line for line in log.summary.lines())
 
 
 def test_without_a_map_in_tf_detections_are_in_their_own_frame(tmp_path: Path) -> None:
     reader = Reader({"class": ["cup", "bowl"]}, ("class",), 0.03)
     with EvidenceLog(in_space(tmp_path / "still.mcap", False), reader) as log:
-        looks = list(log)
+        looks = list(log.looks())
     assert len(looks) == 8
     assert {look.frame for look in looks} == {"eye"}
 
@@ -261,7 +261,7 @@ def test_without_a_map_in_tf_things_are_where_all_frames_stand(tmp_path: Path) -
         recorder.look({"cup": CUP}, 20)
         recorder.transform("/tf", "odom", "base_link", BASE, recorder.now + 1.0)
     with EvidenceLog(tmp_path / "driven.mcap", Reader({"class": ["cup"]}, ("class",), 0.03)) as log:
-        looks = list(log)
+        looks = list(log.looks())
     assert {look.frame for look in looks} == {"odom"}
     assert len(looks) == 20
     places = [item.position for look in looks for item in look.evidence.objects]

@@ -12,7 +12,7 @@ import yaml
 from whereabouts.node_interfaces import NODE_INTERFACES
 from whereabouts.node_names import NODES
 from whereabouts.nodes.runtime.launch_arguments import check
-from whereabouts.parameters.registry import model_of
+from whereabouts.parameters.parameter_base import model_of
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDER = ast.parse((ROOT / "whereabouts/nodes/runtime/launching.py").read_text(encoding="utf-8"))

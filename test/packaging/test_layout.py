@@ -116,7 +116,7 @@ def test_every_node_has_executable_parameter_file_and_launch_file() -> None:
 
 
 def test_parameter_files_state_the_defaults() -> None:
-    from whereabouts.parameters.registry import model_of
+    from whereabouts.parameters.parameter_base import model_of
 
     for node in NODES:
         path = ROOT / "config" / f"{node}.yaml"

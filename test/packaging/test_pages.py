@@ -19,7 +19,7 @@ from evaluation.results import read_all
 from whereabouts.cli.main import app
 from whereabouts.node_interfaces import NODE_INTERFACES, interfaces_of
 from whereabouts.node_names import NODES
-from whereabouts.parameters.registry import model_of
+from whereabouts.parameters.parameter_base import model_of
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -30,7 +30,7 @@ from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_mes
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.ros.executor import NodeExecutor
 from whereabouts.nodes.ros.qos import TF_STATIC_QOS
-from whereabouts.nodes.runtime.dead_ends import DeadEnds
+from whereabouts.nodes.runtime.audience import DeadEnds
 from whereabouts.nodes.runtime.supervisor import NodeSpec, Supervisor
 from whereabouts.simulation import Drive, Lidar, Shapes, box, joined
 from whereabouts_msgs.msg import Connections, Processed

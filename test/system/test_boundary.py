@@ -27,8 +27,8 @@ from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.messages.packed import Packed
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.ros.base import SuiteNode, start
-from whereabouts.nodes.ros.budget import BURST, Budget, Purse
 from whereabouts.nodes.ros.executor import NodeExecutor
+from whereabouts.nodes.ros.input_counts import BURST, Budget, Purse
 from whereabouts.nodes.ros.qos import HEARD_LATCHED, LATCHED, TF_STATIC_QOS
 from whereabouts.nodes.verifier_node import VerifierNode
 from whereabouts_msgs.msg import DiscreteDistribution, ObjectEvidence, WorldEvidence, WorldObject, WorldState

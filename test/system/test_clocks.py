@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from whereabouts.system.clocks import SECOND, TOLERANCE, Clocks
+from whereabouts.system.clocks import NANOSECONDS, TOLERANCE, Clocks
 
 YEAR = 365 * 24 * 3600
 START = 1_700_000_000.0
 # Stamps that a message can carry.
 STAMPS = st.one_of(
-    st.integers(-(2**31) * SECOND, 2**31 * SECOND),
-    st.floats(-60.0, 60.0).map(lambda s: round((START + s) * SECOND)),
-    st.sampled_from([0, round((START + YEAR) * SECOND), round((START - YEAR) * SECOND)]),
+    st.integers(-(2**31) * NANOSECONDS, 2**31 * NANOSECONDS),
+    st.floats(-60.0, 60.0).map(lambda s: round((START + s) * NANOSECONDS)),
+    st.sampled_from([0, round((START + YEAR) * NANOSECONDS), round((START - YEAR) * NANOSECONDS)]),
 )
 # Of each source: time between its messages, and by how much its stamps are behind those of an exact clock, s.
 SOURCES = st.lists(
@@ -31,7 +31,11 @@ def messages(sources: list[tuple[float, float]], length: float, start: float = S
     for number, (period, behind) in enumerate(sources):
         for k in range(round(length / period)):
             sent.append(
-                (k * period + 0.001 * number, f"s{number}", round((start + k * period - behind) * SECOND))
+                (
+                    k * period + 0.001 * number,
+                    f"s{number}",
+                    round((start + k * period - behind) * NANOSECONDS),
+                )
             )
     return [(name, stamp) for _, name, stamp in sorted(sent)]
 
@@ -79,7 +83,7 @@ def test_no_single_message_moves_time_or_costs_another_one(
     newest = max(stamp for _, stamp in sent)
     if 0 < at < len(sent) - 60:
         assert followed.clocks.now is not None
-        assert abs(followed.clocks.now - newest) <= TOLERANCE + SECOND
+        assert abs(followed.clocks.now - newest) <= TOLERANCE + NANOSECONDS
 
 
 @settings(max_examples=300)
@@ -91,11 +95,11 @@ def test_a_wrong_stamp_beside_a_leap_of_time_begins_no_run(
     sent: list[tuple[str, int]] = []
     wrong: list[int] = []
     for hour, (looks, stamp) in enumerate(hours):
-        begun = round((START + 3600.0 * hour) * SECOND)
-        sent += [("detector", begun + k * SECOND // 10) for k in range(looks)]
+        begun = round((START + 3600.0 * hour) * NANOSECONDS)
+        sent += [("detector", begun + k * NANOSECONDS // 10) for k in range(looks)]
         wrong.append(len(sent))
         sent.append(("detector", stamp))
-    followed = FollowedClocks(sent, elapsed=0 if lock_step else SECOND)
+    followed = FollowedClocks(sent, elapsed=0 if lock_step else NANOSECONDS)
     assert followed.runs == []
     told = [number for number in followed.taken if number in wrong]
     newest = max(stamp for number, (_, stamp) in enumerate(sent) if number not in wrong)
@@ -106,14 +110,17 @@ def test_a_wrong_stamp_beside_a_leap_of_time_begins_no_run(
 @given(STAMPS, st.integers(-5, 5))
 def test_two_sources_that_are_wrong_once_each_begin_no_run(stamp: int, apart: int) -> None:
     sent = messages([(0.1, 0.0), (0.1, 0.0)], 3.0)
-    wrong = [("s0", stamp), ("s1", min(max(stamp + apart * SECOND, -(2**31) * SECOND), 2**31 * SECOND))]
+    wrong = [
+        ("s0", stamp),
+        ("s1", min(max(stamp + apart * NANOSECONDS, -(2**31) * NANOSECONDS), 2**31 * NANOSECONDS)),
+    ]
     followed = FollowedClocks([*sent[:40], *wrong, *sent[40:]])
     assert followed.runs == []
     assert set(range(len(sent) + 2)) - set(followed.taken) <= {40, 41}
 
 
 def test_a_detector_that_hardly_ever_speaks_is_heard() -> None:
-    sent = [("detector", round((START + 600.0 * k) * SECOND)) for k in range(20)]
+    sent = [("detector", round((START + 600.0 * k) * NANOSECONDS)) for k in range(20)]
     followed = FollowedClocks(sent)
     assert followed.runs == []
     assert followed.taken == list(range(20))
@@ -178,7 +185,7 @@ def test_a_source_gone_mad_is_refused_as_long_as_others_are_right() -> None:
     good = messages([(0.1, 0.0)], 60.0)
     sent: Stamped = []
     for k, message in enumerate(good):
-        off = 0 if k < 50 else YEAR * SECOND
+        off = 0 if k < 50 else YEAR * NANOSECONDS
         sent += [message, ("mad", message[1] + off)]
     followed = FollowedClocks(sent)
     assert followed.runs == []
@@ -197,7 +204,7 @@ def test_a_clock_far_from_the_first_is_known_for_one_and_is_taken_once_it_is_put
     assert second.is_apart
     assert not first.is_apart
     # A single odd stamp is none.
-    odd = FollowedClocks([*messages([(0.1, 0.0)], 1.0), ("s1", round((START - 20.0) * SECOND))])
+    odd = FollowedClocks([*messages([(0.1, 0.0)], 1.0), ("s1", round((START - 20.0) * NANOSECONDS))])
     assert not odd.clocks.sources["s1"].is_apart
     right = FollowedClocks(messages([(0.1, 0.0), (0.1, 0.0)], 2.0, START + 8.0), found.clocks)
     assert not right.runs
@@ -206,22 +213,22 @@ def test_a_clock_far_from_the_first_is_known_for_one_and_is_taken_once_it_is_put
 
 
 def test_a_measured_silence_explains_a_leap_at_once() -> None:
-    sent = [*messages([(0.1, 0.0)], 3.0), ("s0", round((START + 100.0) * SECOND))]
+    sent = [*messages([(0.1, 0.0)], 3.0), ("s0", round((START + 100.0) * NANOSECONDS))]
     assert FollowedClocks(sent).held == [30]
-    assert FollowedClocks(sent, elapsed=100 * SECOND).taken == list(range(31))
+    assert FollowedClocks(sent, elapsed=100 * NANOSECONDS).taken == list(range(31))
 
 
 def test_what_leapt_ahead_and_then_fell_silent_is_taken_when_it_is_asked_for() -> None:
-    followed = FollowedClocks([*messages([(0.1, 0.0)], 3.0), ("s0", round((START + 100.0) * SECOND))])
+    followed = FollowedClocks([*messages([(0.1, 0.0)], 3.0), ("s0", round((START + 100.0) * NANOSECONDS))])
     assert [message.item for message in followed.clocks.flush().taken] == [30]
-    back = FollowedClocks([*messages([(0.1, 0.0)], 3.0), ("s0", round((START - 100.0) * SECOND))])
+    back = FollowedClocks([*messages([(0.1, 0.0)], 3.0), ("s0", round((START - 100.0) * NANOSECONDS))])
     assert back.clocks.flush().taken == []
 
 
 def test_after_time_was_said_to_go_back_old_messages_are_refused_and_no_second_run_begins() -> None:
     before = messages([(0.1, 0.0), (0.1, 0.0)], 5.0, START + 100.0)
     followed = FollowedClocks(before[:-10])
-    followed.clocks.begin(round(START * SECOND))
+    followed.clocks.begin(round(START * NANOSECONDS))
     after = FollowedClocks([*before[-10:], *messages([(0.1, 0.0), (0.1, 0.0)], 5.0)], followed.clocks)
     assert after.runs == []
     assert after.taken == list(range(10, 110))
@@ -233,8 +240,8 @@ def test_one_late_message_is_taken_as_late(behind: float) -> None:
     clocks: Clocks[int] = Clocks()
     newest = messages([(0.1, 0.0)], 10.0)
     FollowedClocks(newest, clocks)
-    [message] = clocks.take("s0", newest[-1][1] - round(behind * SECOND), 0).taken
+    [message] = clocks.take("s0", newest[-1][1] - round(behind * NANOSECONDS), 0).taken
     assert message.late
     assert clocks.now is not None
     assert clocks.now >= newest[-2][1]
-    assert clocks.take("s0", newest[-1][1] + SECOND // 10, 0).taken[0].late is False
+    assert clocks.take("s0", newest[-1][1] + NANOSECONDS // 10, 0).taken[0].late is False

@@ -8,7 +8,7 @@ import time
 from harness import Graph
 from sensor_msgs.msg import LaserScan
 
-from whereabouts.nodes.runtime.dead_ends import DeadEnds
+from whereabouts.nodes.runtime.audience import DeadEnds
 
 
 def test_subscriptions_of_a_killed_node_are_counted_for_those_who_knew_it(graph: Graph) -> None:

@@ -18,7 +18,7 @@ from rclpy.qos import DurabilityPolicy
 from whereabouts.node_interfaces import NODE_INTERFACES, interfaces_of
 from whereabouts.node_names import NODES
 from whereabouts.nodes.ros.base import SuiteNode
-from whereabouts.parameters.registry import model_of
+from whereabouts.parameters.parameter_base import model_of
 
 ROS_OWN = (
     "parameter", "rosout", "change_state", "get_state", "get_available", "transition", "type_description", "clock",

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from harness import Graph
 
-from whereabouts.nodes.runtime import shared_memory
-from whereabouts.nodes.runtime.shared_memory import FOLDER, LOCK, remove_orphans
+from whereabouts.nodes.runtime import supervisor
+from whereabouts.nodes.runtime.supervisor import FOLDER, LOCK, remove_orphans
 from whereabouts.system.resources import config_file
 
 
@@ -25,7 +25,7 @@ def segments(pid: int) -> list[Path]:
 def test_a_node_that_ends_gives_its_segment_back_and_a_killed_one_has_it_removed(
     graph: Graph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shared_memory, "YOUNG", 0.0)
+    monkeypatch.setattr(supervisor, "YOUNG", 0.0)
     specs = graph.start("verifier"), graph.start("object_search")
     ended, killed = (graph.supervisor.nodes[spec.full_name].process for spec in specs)
     held = {process.pid: segments(process.pid) for process in (ended, killed)}
@@ -68,7 +68,7 @@ def test_both_profiles_are_the_same_but_for_the_segment() -> None:
 
 
 def test_only_what_nobody_holds_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shared_memory, "YOUNG", 0.0)
+    monkeypatch.setattr(supervisor, "YOUNG", 0.0)
     names = ["fastrtps_00112233445566aa", "fastrtps_00112233445566bb", "fastrtps_port7411", "other"]
     for name in names:
         (tmp_path / name).write_bytes(b"segment")

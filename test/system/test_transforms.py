@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
-from whereabouts.nodes.messages.frame_owner import FrameOwner
 from whereabouts.nodes.messages.stamps import NANOSECONDS
-from whereabouts.nodes.messages.transforms import TransformBuffer, transform_message
+from whereabouts.nodes.messages.transforms import FrameOwner, TransformBuffer, transform_message
 
 SECOND = NANOSECONDS
 

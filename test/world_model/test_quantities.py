@@ -104,7 +104,7 @@ def test_sizes_come_from_messages_and_go_into_bags(tmp_path: Path) -> None:
     with EvidenceWriter(tmp_path / "looks.mcap") as writer:
         writer.write(WorldEvidence([cup(0.0, 0.12)], SENSOR), 100.0)
     with EvidenceLog(tmp_path / "looks.mcap", reader) as log:
-        [look] = list(log)
+        [look] = list(log.looks())
     [item] = look.evidence.objects
     assert item.quantities["size"] == pytest.approx((0.12, 1e-4))
     assert set(item.attributes) == {"class"}

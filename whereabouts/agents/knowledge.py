@@ -21,6 +21,14 @@ ACTING = ("find_object", "verify_object", "forget", "relabel")
 T = TypeVar("T")
 
 
+def read_store(path: Path) -> Store:
+    """A store, also one that a node is writing. Raises WhereaboutsError where it is none, or cannot be read."""
+    # A store that is read opens any file, as an empty world.
+    if path.is_file() and not is_store(path):
+        raise InputError(f"{path}: is no world model's store")
+    return Store(path, read_only=True)
+
+
 class Knowledge:
     """One store, opened once, or the running suite; a context manager. One caller at a time.
 
@@ -45,15 +53,12 @@ class Knowledge:
         self._store: Store | None = None
         self._client: Any = None
         if store is not None:
-            if store.is_file() and not is_store(store):
-                raise InputError(f"{store}: is no world model's store")
-            self._store = Store(store, read_only=True)
+            self._store = read_store(store)
 
     def __enter__(self) -> Knowledge:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the store, leave the graph."""
         if self._store is not None:
             self._store.close()
         if self._client is not None:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import wraps
 from importlib.metadata import PackageNotFoundError, version
 from inspect import signature
+from io import BytesIO
 from typing import Annotated, Any
 
 from mcp.server.mcpserver import Context, MCPServer
@@ -20,8 +21,8 @@ from estimation.errors import WhereaboutsError
 from whereabouts.agents.knowledge import Knowledge
 from world_model import questions
 from world_model.questions import Answer, Recall, answered
-from world_model.questions.answers import clean, iso, listed
-from world_model.questions.naming import one_present
+from world_model.questions.answers import clean, clock, iso, listed
+from world_model.questions.naming import name_of, one_present
 
 INSTRUCTIONS = (
     "What a robot remembers of its home: where objects are and were, what changed, what is missing, who was where. "
@@ -68,16 +69,9 @@ class ToldAnswer(BaseModel):
 
 def told(answer: Answer) -> ToldAnswer:
     """The answer to a question as a result."""
-    return ToldAnswer(
-        sentence=answer.sentence,
-        ok=answer.kind not in ("not_understood", "unknown", "choices"),
-        probability=min(max(answer.probability, 0.0), 1.0),
-        stamp=answer.stamp,
-        value=answer.value,
-        evidence=[dict(entry) for entry in answer.evidence],
-        alternatives=[dict(entry) for entry in answer.alternatives],
-        choices=list(answer.choices),
-    )
+    ok = answer.kind not in ("not_understood", "unknown", "choices")
+    share = min(max(answer.probability, 0.0), 1.0)
+    return ToldAnswer.model_validate({**answer.to_dict(), "ok": ok, "probability": share})
 
 
 def refused(sentence: str) -> ToldAnswer:
@@ -104,7 +98,6 @@ class Server(MCPServer[Any]):
 
 
 def _misused(tool: str, error: ValidationError) -> str:
-    """What is wrong with the arguments of a tool."""
     parts = []
     for each in error.errors(include_url=False):
         argument = ".".join(map(str, each["loc"])) or "the arguments"
@@ -218,7 +211,6 @@ def _actions(server: MCPServer[Any], knowledge: Knowledge) -> None:
 
 
 def _changed(knowledge: Knowledge, tool: str, name: str, class_name: str) -> ToldAnswer:
-    """Look again, forget or relabel one object."""
     why = knowledge.refusal(tool)
     if why:
         return refused(why)
@@ -286,7 +278,6 @@ def _resources(server: MCPServer[Any], knowledge: Knowledge) -> None:
     @server.resource("whereabouts://map", name="map", mime_type="image/png")
     def picture() -> bytes:
         """A picture of rooms, furniture and objects."""
-        from whereabouts.agents.picture import map_picture
 
         try:
             return knowledge.ask(map_picture)
@@ -316,3 +307,37 @@ def world_record(world: Recall) -> dict[str, Any]:
         for place in world.places
     ]
     return {"stamp": iso(world.now), "frame": world.places.frame, "objects": objects, "places": places}
+
+
+SIZE, DPI = 8.0, 110
+
+
+def map_picture(world: Recall) -> bytes:
+    """PNG of the home from above, in m; objects that are missing are left out."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Polygon
+
+    figure = Figure(figsize=(SIZE, SIZE), dpi=DPI, layout="constrained")
+    axes = figure.add_subplot()
+    for place in world.places:
+        room = place.kind == "room"
+        color = "#f4f1ea" if room else "#d9c9a8"
+        axes.add_patch(Polygon(place.polygon, facecolor=color, edgecolor="#777777", zorder=1 + (not room)))
+        x, y = place.center
+        axes.text(x, y, name_of(place.name), ha="center", va="center", size=8, color="#666666", zorder=3)
+    for item in world.present.values():
+        if item.lost or item.existence < 0.5:
+            continue
+        x, y, _ = item.position
+        axes.plot(x, y, "o", color="#c0392b", zorder=4)
+        axes.annotate(
+            clean(item.id), (x, y), (4, 4), textcoords="offset points", size=8, zorder=5, parse_math=False
+        )
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_xlabel("x, m")
+    axes.set_ylabel("y, m")
+    axes.set_title(clock(world.now))
+    drawn = BytesIO()
+    figure.savefig(drawn, format="png")
+    return drawn.getvalue()

@@ -68,7 +68,6 @@ def file_to_write(name: str, metavar: str, what: str) -> Any:
 
 
 def require_places(path: Path | None) -> None:
-    """Raises InputError where --places names no file."""
     from estimation.errors import InputError
 
     if path is not None and not path.is_file():
@@ -117,7 +116,6 @@ class LogReading:
         return self.log if self.robot is None else self.robot
 
     def advance(self, count: int) -> None:
-        """So many scans have been read."""
         if count % 50 == 0:
             self._share(self.log.progress)
 
@@ -154,9 +152,7 @@ def reading(
 
 def write_figures(path: Path | None, figures: Mapping[str, Any]) -> None:
     """Write figures as JSON, atomically; nothing where no file was asked for."""
-    from whereabouts.system.atomic import atomic_path
+    from whereabouts.system.atomic import write_text
 
-    if path is None:
-        return
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    if path is not None:
+        write_text(path, json.dumps(figures, indent=2) + "\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,7 +98,7 @@ def _sentence(target: Path, result: Conversion) -> str:
 
 
 def _figures(source: Path, target: Path, result: Conversion) -> dict[str, object]:
-    account = result.summary.as_dict()
+    account = asdict(result.summary)
     return {
         "source": str(source),
         "target": str(target),

@@ -107,29 +107,29 @@ def main() -> None:
     listen_to_interrupts()
     try:
         app()
-    except WhereaboutsError as error:
-        print(f"whereabouts: {error}", file=sys.stderr)
-        sys.exit(1)
-    except ImportError as error:
-        sentence = _missing(error.name or "")
+    except BrokenPipeError:
+        # The reader of our output has gone, as `| head` does.
+        sys.exit(0)
+    except Exception as error:
+        sentence = _sentence(error)
         if not sentence:
             raise
         print(f"whereabouts: {sentence}", file=sys.stderr)
         sys.exit(1)
-    except RuntimeError as error:
-        # Of ROS itself, such as of SROS2's keys; rclpy has no public name for it, and may not be here.
-        if type(error).__name__ != "RCLError":
-            raise
-        print(f"whereabouts: ROS says: {' '.join(str(error).split())}", file=sys.stderr)
-        sys.exit(1)
-    except BrokenPipeError:
-        # The reader of our output has gone, as `| head` does.
-        sys.exit(0)
-    except OSError as error:
-        if error.filename is None:
-            raise
-        print(f"whereabouts: {error.filename}: {error.strerror}", file=sys.stderr)
-        sys.exit(1)
+
+
+def _sentence(error: Exception) -> str:
+    """What to say of an error that is expected; "" for others."""
+    if isinstance(error, WhereaboutsError):
+        return str(error)
+    if isinstance(error, ImportError):
+        return _missing(error.name or "")
+    # Of ROS itself, such as of SROS2's keys; rclpy has no public name for it, and may not be here.
+    if isinstance(error, RuntimeError) and type(error).__name__ == "RCLError":
+        return f"ROS says: {' '.join(str(error).split())}"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return ""
 
 
 if __name__ == "__main__":

@@ -58,7 +58,7 @@ def setup(
     from whereabouts.robot.preset import preset as preset_of
     from whereabouts.robot.robot_file import as_text, parameters
     from whereabouts.robot.survey import Survey
-    from whereabouts.system.atomic import atomic_path
+    from whereabouts.system.atomic import write_text
     from whereabouts.system.log_errors import WriteError
 
     if out.exists() and not overwrite:
@@ -77,8 +77,7 @@ def setup(
         raise InputError(
             f"{out} was not written: {counted(errors, 'thing stands', 'things stand')} in the way"
         )
-    with atomic_path(out) as temporary:
-        temporary.write_text(as_text(choice, said, survey.source, shlex.quote(out.name)), encoding="utf-8")
+    write_text(out, as_text(choice, said, survey.source, shlex.quote(out.name)))
     bag_option = f" --bag {shlex.quote(str(bag))}" if bag is not None else ""
     space = f" --namespace {choice.namespace}" if choice.namespace else ""
     typer.echo(f"written: {out}. Next: whereabouts run --config {shlex.quote(str(out))}{space}{bag_option}")
@@ -147,7 +146,7 @@ def parameters(
     """Write a ROS parameter file with the defaults, and the meaning, unit and range of each parameter."""
     from estimation.errors import InputError
     from whereabouts.parameters.yaml_text import parameter_file
-    from whereabouts.system.atomic import atomic_path
+    from whereabouts.system.atomic import write_text
 
     unknown = [name for name in nodes or () if name not in NODES]
     if unknown:
@@ -156,8 +155,7 @@ def parameters(
     if out is None:
         typer.echo(text, nl=False)
         return
-    with atomic_path(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(out, text)
     typer.echo(
         f"{out}: {'expert parameters' if expert else 'parameters'} of {counted(len(nodes or NODES), 'node')}"
     )

@@ -102,7 +102,7 @@ def _map(
     from whereabouts.logs import write_tum
     from whereabouts.parameter_file import settings_for
     from whereabouts.recorded.mapping import closure_rows, map_log, write_map_files
-    from whereabouts.system.atomic import atomic_path
+    from whereabouts.system.atomic import write_text
 
     started = time.perf_counter()
     settings = settings_for(params, "loop_closure")
@@ -117,8 +117,7 @@ def _map(
     if out is not None:
         write_tum(out, mapped.stamps, mapped.poses)
     if closures is not None:
-        with atomic_path(closures) as temporary:
-            temporary.write_text("\n".join(closure_rows(mapped)) + "\n", encoding="ascii")
+        write_text(closures, "\n".join(closure_rows(mapped)) + "\n")
     if map_file is not None:
         write_map_files(mapped.slam, map_file, lambda text: typer.echo(text, err=True))
     duration = max(mapped.stamps) - min(mapped.stamps)

@@ -169,7 +169,7 @@ def _looks(source: Path, settings: WorldModelParameters) -> Iterator[LoggedLook]
         np.diag(np.square([settings.position_sigma, settings.position_sigma, settings.heading_sigma])),
     )
     with EvidenceLog(source, reader, frame, camera) as log, share_bar(f"reading {source.name}") as share:
-        for count, look in enumerate(log):
+        for count, look in enumerate(log.looks()):
             if count % 50 == 0:
                 share(log.progress)
             yield look
@@ -274,7 +274,7 @@ class _Watched(list[tuple[float, "WorldEvidence"]]):
 
 def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dict[str, Any]) -> None:
     from whereabouts.parameters.yaml_text import given_section
-    from whereabouts.system.atomic import atomic_path
+    from whereabouts.system.atomic import write_text
     from world_model import WorldModel
     from world_model.learning import learn
 
@@ -295,8 +295,7 @@ def _learn(source: Path, settings: WorldModelParameters, out: Path, figures: dic
     }
     given = {**settings.model_dump(), **changed}
     said = f"# Learned from {source.name}: {counted(len(looks), 'look')}, {counted(learned.objects, 'object')}.\n"
-    with atomic_path(out) as temporary:
-        temporary.write_text(said + given_section("/**", given), encoding="utf-8")
+    write_text(out, said + given_section("/**", given))
     for name, value in changed.items():
         typer.echo(f"{name}: {getattr(settings.world, name):g} -> {value:g}")
     for name, share in sorted(learned.by_class.items()):

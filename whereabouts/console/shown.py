@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from estimation.checks import FloatArray
+from estimation.geometry.grid import FREE_SHARE, OCCUPIED_SHARE
 from estimation.geometry.places import LIKELY
 from world_model.state import WorldObject, most_probable
 
 Shown = dict[str, Any]
-FREE_BELOW, OCCUPIED_FROM = 25, 65
 FREE, OCCUPIED = (128, 136, 144, 40), (96, 110, 124, 255)
 """Red, green, blue and opacity; what is unknown is clear, so that the picture fits a light and a dark page."""
 MOST_CELLS = 4_000_000
@@ -87,8 +87,8 @@ def map_picture(cells: NDArray[np.int8], resolution: float, x: float, y: float) 
         padded[:height, :width] = cells
         cells = padded.reshape(rows // step, step, columns // step, step).max(axis=(1, 3))
     colors = np.zeros((*cells.shape, 4), dtype=np.uint8)
-    colors[(cells >= 0) & (cells < FREE_BELOW)] = FREE
-    colors[cells >= OCCUPIED_FROM] = OCCUPIED
+    colors[(cells >= 0) & (cells < 100 * FREE_SHARE)] = FREE
+    colors[cells >= 100 * OCCUPIED_SHARE] = OCCUPIED
     out = io.BytesIO()
     Image.fromarray(colors[::-1]).save(out, format="PNG")
     size = step * resolution

@@ -7,10 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from estimation.errors import InputError, WhereaboutsError
+from estimation.errors import WhereaboutsError
+from whereabouts.agents.knowledge import read_store
 from whereabouts.console.shown import Shown, empty, thing
-from world_model.memory.store import Store
-from world_model.memory.store_file import is_store
 from world_model.queries import Words
 from world_model.questions import Recall, recall
 
@@ -55,10 +54,7 @@ class StoreSource:
     live = False
 
     def __init__(self, path: Path) -> None:
-        # A store that is read opens any file, as an empty world.
-        if path.is_file() and not is_store(path):
-            raise InputError(f"{path}: is no world model's store")
-        self._store = Store(path, read_only=True)
+        self._store = read_store(path)
         self._lock = threading.Lock()
 
     @property

@@ -53,18 +53,14 @@ def only_member(path: Path) -> str:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            names = [name for name in archive.namelist() if _is_content(name)]
+            # Archives made on some systems carry a shadow of every file.
+            names = [name for name in archive.namelist() if "/._" not in f"/{name}"]
     except (zipfile.BadZipFile, OSError) as error:
         raise UnknownFormatError(path, f"is no readable zip archive ({error})") from error
     logs = [name for name in names if name.lower().endswith((*PACKED, *SUFFIXES))]
     if len(logs) != 1:
         raise UnknownFormatError(path, f"the archive holds {len(logs)} logs, one expected; unpack it first")
     return logs[0]
-
-
-def _is_content(name: str) -> bool:
-    """Archives made on some systems carry a shadow of every file."""
-    return not name.endswith("/") and not name.startswith("__MACOSX/") and "/._" not in f"/{name}"
 
 
 def _text_format(path: Path, member: str | None) -> str:

@@ -5,19 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TypeVar
 
 from whereabouts.logs.summary import Summary
-from whereabouts.messages.records import (
-    CloudRecord,
-    OdometryRecord,
-    Record,
-    ScanRecord,
-    TransformRecord,
-    strip_slash,
-)
+from whereabouts.messages.records import Record, ScanRecord, TransformRecord, strip_slash
 
-R = TypeVar("R", ScanRecord, OdometryRecord, CloudRecord, TransformRecord)
+
+def topic_names(topics: Iterable[str] | None) -> frozenset[str] | None:
+    """Topics that somebody asks for, without slashes; None stands for all."""
+    return None if topics is None else frozenset(map(strip_slash, topics))
 
 
 class Log(ABC):
@@ -26,6 +21,7 @@ class Log(ABC):
     path : what was opened.
     format : short name of the format ("carmen", "g2o", "rosbag1", "rosbag2").
     summary : account of the running or last pass; complete when the iterator is exhausted.
+    place : where in the file the last record stood, such as "line 12" or "byte 4096".
 
     Iteration raises DamagedLogError where reading on is not possible and NothingRecognisedError at the end of
     a file that held no record at all.
@@ -36,8 +32,8 @@ class Log(ABC):
     def __init__(self, path: Path, topics: Iterable[str] | None = None) -> None:
         self.path = path
         self.summary = Summary()
-        self._place = ""
-        self._wanted = None if topics is None else frozenset(strip_slash(topic) for topic in topics)
+        self.place = ""
+        self._wanted = topic_names(topics)
 
     @abstractmethod
     def _records(self) -> Iterator[Record]:
@@ -50,11 +46,6 @@ class Log(ABC):
 
     def close(self) -> None:  # noqa: B027 - most formats hold nothing open between passes
         """Release temporary files. Reading again afterwards is not possible for every format."""
-
-    @property
-    def place(self) -> str:
-        """Where in the file the last record stood, such as "line 12" or "byte 4096"."""
-        return self._place
 
     def wants(self, topic: str) -> bool:
         """Whether the caller asked for this topic (all of them when none was named)."""
@@ -80,20 +71,9 @@ class Log(ABC):
 
     def scans(self, topic: str | None = None) -> Iterator[ScanRecord]:
         """Scans of one topic: the one named, else that of the first scan (others are counted as skips)."""
-        return self._of_kind(ScanRecord, topic)
-
-    def odometry(self, topic: str | None = None) -> Iterator[OdometryRecord]:
-        """Odometry of one topic: the one named, else that of the first reading."""
-        return self._of_kind(OdometryRecord, topic)
-
-    def clouds(self, topic: str | None = None) -> Iterator[CloudRecord]:
-        """Clouds of one topic: the one named, else that of the first cloud."""
-        return self._of_kind(CloudRecord, topic)
-
-    def _of_kind(self, kind: type[R], topic: str | None) -> Iterator[R]:
         chosen = None if topic is None else strip_slash(topic)
         for record in self:
-            if not isinstance(record, kind):
+            if not isinstance(record, ScanRecord):
                 continue
             chosen = record.topic if chosen is None else chosen
             if record.topic == chosen:

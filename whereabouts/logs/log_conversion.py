@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from estimation.errors import InputError
-from whereabouts.logs.bags.encode import CLOUD_TYPE, ODOMETRY_TYPE, SCAN_TYPE, nanoseconds
+from whereabouts.logs.bags.encode import nanoseconds
 from whereabouts.logs.bags.ros import RawLog, open_raw
 from whereabouts.logs.format_detection import detect
 from whereabouts.logs.log import Log
@@ -24,6 +24,7 @@ from whereabouts.logs.summary import Summary
 from whereabouts.logs.writer import McapWriter
 from whereabouts.messages.message_rotations import planar_matrix
 from whereabouts.messages.records import BASE_FRAME, OdometryRecord, Record, ScanRecord, TransformRecord
+from whereabouts.messages.type_names import CLOUD, ODOMETRY, SCAN
 from whereabouts.system.log_errors import NothingRecognisedError
 
 WHEEL_TOPIC = "wheel_odom"
@@ -69,7 +70,9 @@ def convert_log(
         raise InputError(f"rate: positive number of scans per second expected, got {rate}")
     if seconds is not None and not seconds > 0.0:
         raise InputError(f"seconds: positive number expected, got {seconds}")
-    with _opened(Path(source), topics, max_range) as log, McapWriter(target) as writer:
+    is_bag = detect(Path(source))[0] in ("rosbag1", "rosbag2")
+    opened = open_raw(source, topics) if is_bag else open_log(source, topics, max_range)
+    with opened as log, McapWriter(target) as writer:
         steps = (
             _copied(log, writer, seconds) if isinstance(log, RawLog) else _encoded(log, writer, rate, seconds)
         )
@@ -81,19 +84,13 @@ def convert_log(
             raise NothingRecognisedError(source, f"no message to write; {reasons}")
         kinds = writer.counts_by_type
         return Conversion(
-            kinds.get(SCAN_TYPE, 0),
-            kinds.get(ODOMETRY_TYPE, 0),
-            kinds.get(CLOUD_TYPE, 0),
+            kinds.get(SCAN, 0),
+            kinds.get(ODOMETRY, 0),
+            kinds.get(CLOUD, 0),
             dict(writer.counts),
             ((writer.end or 0) - (writer.start or 0)) * 1e-9,
             log.summary.copy(),
         )
-
-
-def _opened(source: Path, topics: Iterable[str] | None, max_range: float | None) -> RawLog | Log:
-    if detect(source)[0] in ("rosbag1", "rosbag2"):
-        return open_raw(source, topics)
-    return open_log(source, topics, max_range)
 
 
 def _begun(items: Iterable[Item], stamp: Callable[[Item], float], span: float | None) -> Iterator[Item]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from copy import deepcopy
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 # Of two reasons that differ by no more than their numbers the first stands for both; names of topics stay apart.
 NUMBER = re.compile(r"(?<![\w/.])-?\d[\d.]*(?:e[+-]?\d+)?(?![\w/])")
@@ -33,7 +33,6 @@ class Summary:
     notes: dict[str, Remark] = field(default_factory=dict)
 
     def count(self, topic: str) -> None:
-        """Count a record handed out on `topic`."""
         self.records[topic] = self.records.get(topic, 0) + 1
 
     def skip(self, reason: str, where: str, count: int = 1) -> None:
@@ -45,7 +44,6 @@ class Summary:
         _add(self.notes, reason, where, count)
 
     def clear(self) -> None:
-        """Forget everything, before a new pass."""
         self.records.clear()
         self.skipped.clear()
         self.notes.clear()
@@ -58,17 +56,11 @@ class Summary:
             self.note(reason, remark.first, remark.count)
 
     def copy(self) -> Summary:
-        """An account of its own with the same content."""
         return deepcopy(self)
 
     @property
     def skipped_count(self) -> int:
-        """Number of things left out."""
         return sum(remark.count for remark in self.skipped.values())
-
-    def as_dict(self) -> dict[str, dict[str, object]]:
-        """Plain values for JSON."""
-        return asdict(self)
 
     def lines(self) -> list[str]:
         """One sentence per reason, skips first; empty when there is nothing to say."""
@@ -76,9 +68,6 @@ class Summary:
             *(f"skipped {_sentence(reason, remark)}" for reason, remark in self.skipped.items()),
             *(f"note: {_sentence(reason, remark)}" for reason, remark in self.notes.items()),
         ]
-
-    def __str__(self) -> str:
-        return "\n".join(self.lines()) or "nothing skipped"
 
 
 def _sentence(reason: str, remark: Remark) -> str:

@@ -13,10 +13,6 @@ from mcap.writer import CompressionType, Writer
 
 from estimation.errors import InputError
 from whereabouts.logs.bags.encode import (
-    CLOUD_TYPE,
-    ODOMETRY_TYPE,
-    SCAN_TYPE,
-    TF_TYPE,
     cloud_message,
     nanoseconds,
     odometry_message,
@@ -24,14 +20,13 @@ from whereabouts.logs.bags.encode import (
     transform_message,
 )
 from whereabouts.logs.bags.ros_types import standard_types
-from whereabouts.logs.bags.storage import Qos, Topic, format_qos
+from whereabouts.logs.bags.storage import LATCHED, Qos, Topic, format_qos
 from whereabouts.messages.records import CloudRecord, OdometryRecord, ScanRecord, TransformRecord
+from whereabouts.messages.type_names import CLOUD, ODOMETRY, SCAN, TF
 from whereabouts.system.atomic import atomic_path
 from whereabouts.system.log_errors import WriteError
 
 RELIABLE = Qos()
-LATCHED = Qos(depth=1, durability="transient_local")
-LIBRARY = "whereabouts"
 METADATA_VERSION = 9
 # As rosbag2's own writer: small enough that a killed recorder loses little, large enough to compress well.
 CHUNK_BYTES = 768 * 1024
@@ -62,7 +57,6 @@ class McapWriter:
 
     @property
     def bare(self) -> bool:
-        """Whether the target is a bare file."""
         return self.target.suffix == ".mcap"
 
     def __enter__(self) -> Self:
@@ -71,7 +65,7 @@ class McapWriter:
         path = temporary if self.bare else temporary / self._file_name
         stream = self._stack.enter_context(path.open("wb"))
         self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile="ros2", library=LIBRARY)
+        self._writer.start(profile="ros2", library="whereabouts")
         return self
 
     def __exit__(
@@ -92,16 +86,16 @@ class McapWriter:
 
     def write_scan(self, record: ScanRecord, log_time: int | None = None) -> None:
         """sensor_msgs/LaserScan on the record's topic."""
-        self.write_message(record.topic, SCAN_TYPE, scan_message(record), _or_stamp(log_time, record.stamp))
+        self.write_message(record.topic, SCAN, scan_message(record), _or_stamp(log_time, record.stamp))
 
     def write_odometry(self, record: OdometryRecord, log_time: int | None = None) -> None:
         """nav_msgs/Odometry on the record's topic."""
         message = odometry_message(record)
-        self.write_message(record.topic, ODOMETRY_TYPE, message, _or_stamp(log_time, record.stamp))
+        self.write_message(record.topic, ODOMETRY, message, _or_stamp(log_time, record.stamp))
 
     def write_cloud(self, record: CloudRecord, log_time: int | None = None) -> None:
         """sensor_msgs/PointCloud2 on the record's topic."""
-        self.write_message(record.topic, CLOUD_TYPE, cloud_message(record), _or_stamp(log_time, record.stamp))
+        self.write_message(record.topic, CLOUD, cloud_message(record), _or_stamp(log_time, record.stamp))
 
     def write_transforms(self, records: list[TransformRecord], log_time: int | None = None) -> None:
         """tf2_msgs/TFMessage with all of them on the topic of the first; tf_static is latched."""
@@ -110,7 +104,7 @@ class McapWriter:
         first = records[0]
         qos = LATCHED if first.static else RELIABLE
         time = _or_stamp(log_time, first.stamp)
-        self.write_message(first.topic, TF_TYPE, transform_message(records), time, qos)
+        self.write_message(first.topic, TF, transform_message(records), time, qos)
 
     def write_message(
         self, topic: str, type_name: str, message: Any, log_time: int, qos: Qos = RELIABLE
@@ -154,7 +148,6 @@ class McapWriter:
 
     @property
     def counts_by_type(self) -> dict[str, int]:
-        """Messages written so far, by type."""
         counts: dict[str, int] = {}
         for number, topic in self._channels.values():
             counts[topic.type_name] = counts.get(topic.type_name, 0) + self._sequence.get(number, 0)

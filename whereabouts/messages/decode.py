@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from registration.laser.scan import FARTHEST, Scan
 from whereabouts.messages.message_rotations import rotation_of, to_plane
@@ -20,8 +21,8 @@ from whereabouts.messages.records import (
     TransformRecord,
     strip_slash,
 )
-
-Array = NDArray[np.float64]
+from whereabouts.messages.type_names import CLOUD, ODOMETRY, SCAN, TF
+from whereabouts.system.clocks import NANOSECONDS
 
 # sensor_msgs/PointField: number of a type to numpy's letter for it.
 POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -29,7 +30,6 @@ COLOR_FIELDS = ("rgb", "rgba")
 TIME_FIELDS = ("t", "time", "timestamp", "time_stamp", "offset_time")
 SLOWEST = 10.0  # s between beams; more is not meant
 PLANE = np.ix_((0, 1, 5), (0, 1, 5))
-NANOSECONDS = 1_000_000_000
 
 
 class UnusableMessageError(InputError):
@@ -209,9 +209,9 @@ def other(message: Any, topic: str, type_name: str, log_time: int) -> MessageRec
 
 
 RECORDS: dict[str, Callable[[Any, str], Iterator[Record]]] = {
-    "sensor_msgs/msg/LaserScan": scans,
+    SCAN: scans,
     "sensor_msgs/msg/MultiEchoLaserScan": first_echoes,
-    "sensor_msgs/msg/PointCloud2": clouds,
-    "nav_msgs/msg/Odometry": odometry,
-    "tf2_msgs/msg/TFMessage": transforms,
+    CLOUD: clouds,
+    ODOMETRY: odometry,
+    TF: transforms,
 }

@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 
-Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
 
 SHORTEST_QUATERNION = 1e-6

@@ -85,7 +85,6 @@ class TransformRecord:
 
     @property
     def static(self) -> bool:
-        """Whether it holds for all times."""
         return self.topic.endswith("tf_static")
 
 

@@ -1,9 +1,4 @@
-"""Node `loop_closure`: recognises places, closes loops, keeps a consistent map and says where in it the robot is.
-
-In: `scan` (LaserScan) or `points` (PointCloud2), `odometry` (Odometry: where the robot was at a scan, and how sure that
-is), tf odom -> base_link -> sensor, `initialpose`. Out: `loop_closures`, `trajectory`, `map`, `map_points`, markers, tf
-map -> odom.
-"""
+"""Node `loop_closure`: recognises places, closes loops, keeps a consistent map and says where in it the robot is."""
 
 from __future__ import annotations
 
@@ -14,9 +9,9 @@ from typing import ClassVar
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry as OdometryMessage
-from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan, PointCloud2
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.poses import compound, pose_from_matrix, pose_to_matrix
 from loop_closure.graph.smoother_process import SmootherProcess
@@ -47,7 +42,6 @@ from whereabouts.nodes.ros.footprint import settle
 from whereabouts.parameters.loop_closure import LoopClosureParameters
 from whereabouts_msgs.msg import LoopClosure
 
-Array = NDArray[np.float64]
 REMEMBERED = 200  # odometry messages kept for their covariance
 SURE_SIGMA = 1.0  # metres, of an initial pose that comes without a covariance
 
@@ -237,13 +231,11 @@ class LoopClosureNode(SuiteNode):
         self._map.look_anew()
 
     def _finish_work(self) -> None:
-        """Do all that scans have left over."""
         while self._map.slam.behind:
             self._take_update(self._map.slam.work())
 
 
 def main() -> None:
-    """Entry point of the executable `loop_closure`."""
     # Forked here, as long as there are no threads.
     LoopClosureNode.aside = SmootherProcess(settle)
     exit_with(LoopClosureNode)

@@ -1,9 +1,4 @@
-"""Node `motion_predictor`: learns where people go and predicts the paths of all who are there.
-
-In: `targets` (TargetArray), `map` (OccupancyGrid, optional: walls), tf where targets come in another frame.
-Out: `predicted_paths` (PredictedPathArray), `~/markers`, `predicted_occupancy` (PointCloud2 for a costmap), and where
-it is asked for `people_mask` (OccupancyGrid for a costmap filter).
-"""
+"""Node `motion_predictor`: learns where people go and predicts the paths of all who are there."""
 
 from __future__ import annotations
 
@@ -14,11 +9,11 @@ from typing import Any
 
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
-from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from tracking.intentions import IntentionModel, Prediction
@@ -46,10 +41,8 @@ from whereabouts.system.state_files import keep_foreign
 from whereabouts_msgs.msg import PredictedPathArray, TargetArray
 from whereabouts_msgs.srv import LoadState, Reset, SaveState
 
-Array = NDArray[np.float64]
 TRACK_TIMEOUT = 2.0  # seconds without an observation after which a track has ended, and is learned
 PERSON_PROBABILITY = 0.3  # what is less probably a person is left out
-OCCUPIED_FROM = 65  # cells of the map at or above this are obstacles
 POINT_INTERVAL = 0.5  # seconds between published points of a path
 OCCUPANCY_HEIGHT = 0.5  # metres, of the occupied points
 MASK_PERIOD = 1.0  # seconds between masks at least; nav2 warns of each in its log
@@ -125,9 +118,9 @@ class MotionPredictorNode(SuiteNode):
 
     def _take_map(self, message: OccupancyGrid, _: int) -> None:
         check_frame("map", message.header.frame_id, self.settings.map_frame)
-        self._obstacles = Obstacles(occupied_points(message, OCCUPIED_FROM))
+        self._obstacles = Obstacles(occupied_points(message))
         if self._mask is not None:
-            self._mask.take_map(message.info)
+            self._mask.map = message.info
 
     def _take_targets(self, message: TargetArray, stamp: int) -> None:
         settings = self.settings
@@ -218,7 +211,6 @@ class MotionPredictorNode(SuiteNode):
 
 
 def main() -> None:
-    """Entry point of the executable `motion_predictor`."""
     exit_with(MotionPredictorNode)
 
 

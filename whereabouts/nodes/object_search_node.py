@@ -1,9 +1,4 @@
-"""Node `object_search`: finds an object by driving to where it can be seen.
-
-In: `world_state` (WorldState), `map` (OccupancyGrid, optional), tf map -> base_link. In and out: `base_available`
-(Bool: false while it searches). Out: `search_goal` (PoseStamped), `search_markers`. Action: `find_object`. Calls, if
-told to: nav2's `navigate_to_pose`.
-"""
+"""Node `object_search`: finds an object by driving to where it can be seen."""
 
 from __future__ import annotations
 
@@ -15,10 +10,10 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
-from numpy.typing import NDArray
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from whereabouts.nodes.messages.markers import colour, marker, point
 from whereabouts.nodes.messages.packed import Packed
@@ -26,8 +21,7 @@ from whereabouts.nodes.messages.stamps import NANOSECONDS, seconds, time_message
 from whereabouts.nodes.messages.transforms import check_frame, frame_name
 from whereabouts.nodes.messages.world_messages import object_message
 from whereabouts.nodes.messages.world_reading import LatestState, grid_from_message, planar_pose, pose_stamped
-from whereabouts.nodes.navigation.base_claim import BaseClaim
-from whereabouts.nodes.navigation.errands import is_errand
+from whereabouts.nodes.navigation.errands import BaseClaim, is_errand
 from whereabouts.nodes.navigation.goals import PATIENCE, SAME, Approach, Navigator
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
@@ -39,7 +33,6 @@ from world_model import ObjectSearch, Relations, SearchStep, WorldObject, WorldS
 from world_model.describing import named
 from world_model.state import MOVED_ON
 
-Array = NDArray[np.float64]
 LEARN_PERIOD = NANOSECONDS  # what is first seen within a second was there at the same time
 LOOK = 0.5  # s, by the stamps of the world, that a robot looks around at a goal before it is a dead end
 
@@ -298,7 +291,6 @@ class ObjectSearchNode(SuiteNode):
         result.pose = pose_stamped(self._header(), np.array([*found.position[:2], 0.0]))
 
     def _tell(self, handle: Any, step: SearchStep, said: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Publish goal and feedback where they are new."""
         self._reason = step.reason
         # The same words may be about another place.
         spot = () if step.goal is None else tuple(np.round(step.goal / SAME).tolist())
@@ -355,7 +347,6 @@ def _markers(header: Header, step: SearchStep) -> MarkerArray:
 
 
 def main() -> None:
-    """Entry point of the executable `object_search`."""
     exit_with(ObjectSearchNode)
 
 

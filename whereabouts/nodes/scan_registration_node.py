@@ -1,9 +1,4 @@
-"""Node `scan_registration`: follows the robot by its laser scans or clouds.
-
-In: `scan` (LaserScan, one or several topics) or `points` (PointCloud2), `wheel_odom` (Odometry, optional), tf.
-Out: `odometry` (Odometry with covariance), tf odom -> base_link unless somebody else has that frame, `static_points`
-(PointCloud2 without movers), `segments` (ScanSegments: what moves in each scan of a single level scanner, and how).
-"""
+"""Node `scan_registration`: follows the robot by its laser scans or clouds."""
 
 from __future__ import annotations
 
@@ -11,11 +6,11 @@ from functools import partial
 
 import numpy as np
 from nav_msgs.msg import Odometry as OdometryMessage
-from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan, PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.poses import (
     compound,
@@ -44,17 +39,15 @@ from whereabouts.nodes.messages.conversions import (
     spatial,
     spatial_covariance,
 )
-from whereabouts.nodes.messages.frame_owner import FrameOwner
 from whereabouts.nodes.messages.markers import vector
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.messages.transforms import frame_name, transform_message
+from whereabouts.nodes.messages.transforms import FrameOwner, frame_name, transform_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.nodes.ros.inputs import Input
 from whereabouts.parameters.scan_registration import ScanRegistrationParameters
 from whereabouts_msgs.msg import ScanSegments
 
-Array = NDArray[np.float64]
 # A scan of a further sensor that is older than this says too little about now, ns, and wheel odometry, s.
 OTHERS_AGE = NANOSECONDS // 2
 WHEEL_AGE = 0.5
@@ -290,7 +283,6 @@ def _conjugate(level: Array, motion: Array, covariance: Array) -> Array:
 
 
 def main() -> None:
-    """Entry point of the executable `scan_registration`."""
     exit_with(ScanRegistrationNode)
 
 

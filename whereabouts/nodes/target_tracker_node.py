@@ -1,9 +1,4 @@
-"""Node `target_tracker`: people in laser scans, counted and followed, hidden ones too.
-
-In: `scan` (LaserScan), tf odom -> base_link -> scanner; optional: `segments` (ScanSegments), and `odometry` (Odometry)
-or `robot_pose` (PoseWithCovarianceStamped) for how uncertain the robot's pose is.
-Out: `targets` (TargetArray; states and covariances in the frame of its header), `~/markers`.
-"""
+"""Node `target_tracker`: people in laser scans, counted and followed, hidden ones too."""
 
 from __future__ import annotations
 
@@ -11,14 +6,13 @@ import time
 from collections import deque
 from typing import cast
 
-import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.pose_drift import PoseUncertainty
 from registration.laser.mounting import level_pose, upright
@@ -39,7 +33,6 @@ from whereabouts.nodes.ros.diagnostics import Health
 from whereabouts.parameters.target_tracker import TargetTrackerParameters
 from whereabouts_msgs.msg import TargetArray
 
-Array = NDArray[np.float64]
 DRIFT_WINDOW = 30.0  # seconds over which the drift of odometry counts
 TRAIL = 10 * NANOSECONDS  # of the markers
 
@@ -142,7 +135,6 @@ class TargetTrackerNode(SuiteNode):
 
 
 def main() -> None:
-    """Entry point of the executable `target_tracker`."""
     exit_with(TargetTrackerNode)
 
 

@@ -1,6 +1,5 @@
 """Node `verifier`: looks into a region and says whether the object is there.
 
-In: `scan` (LaserScan) or `points` (PointCloud2), `map` (OccupancyGrid, optional), tf. Action: `verify_object`.
 Replaceable by whatever can recognise objects better.
 """
 
@@ -12,13 +11,14 @@ import numpy as np
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from sensor_msgs.msg import LaserScan, PointCloud2
 
+from estimation.checks import FloatArray as Array
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.poses import transform_points
 from whereabouts.messages.decode import cloud_colors
 from whereabouts.nodes.messages.conversions import points_from_message, pose_from_message, spatial_covariance
 from whereabouts.nodes.messages.markers import point
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, seconds
-from whereabouts.nodes.messages.transforms import Matrix, frame_name
+from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts.nodes.messages.world_reading import grid_from_message
 from whereabouts.nodes.ros.base import SuiteNode, exit_with
 from whereabouts.nodes.ros.diagnostics import Health
@@ -61,7 +61,7 @@ class VerifierNode(SuiteNode):
         self.add_action(VerifyObject, "verify_object", self._serve)
 
     def start_run(self) -> None:
-        self._latest: tuple[LaserScan | PointCloud2, Matrix] | None = None
+        self._latest: tuple[LaserScan | PointCloud2, Array] | None = None
         self._count = 0
         self._answers = dict.fromkeys(("found", "occluded", "not_found"), 0)
 
@@ -149,7 +149,7 @@ class VerifierNode(SuiteNode):
             )[0]
         return RegionBox(centre, size)
 
-    def _frame(self, box: RegionBox, message: LaserScan | PointCloud2, sensor: Matrix) -> Frame:
+    def _frame(self, box: RegionBox, message: LaserScan | PointCloud2, sensor: Array) -> Frame:
         reach = self.settings.max_range
         if isinstance(message, LaserScan):
             farthest = min(message.range_max, reach) if message.range_max > 0.0 else reach
@@ -160,7 +160,6 @@ class VerifierNode(SuiteNode):
 
 
 def _appearance(request: Any) -> Appearance:
-    """What a request says of how the object looks."""
     size: tuple[float, float] | None = None
     colors: dict[str, float] = {}
     for item in request.attributes:
@@ -172,7 +171,6 @@ def _appearance(request: Any) -> Appearance:
 
 
 def main() -> None:
-    """Entry point of the executable `verifier`."""
     exit_with(VerifierNode)
 
 

@@ -1,10 +1,4 @@
-"""Node `world_maintenance`: decides which object to look at again, and has it done.
-
-In: `world_state` (WorldState), `base_available` (Bool), `map` (OccupancyGrid, optional), tf map -> base_link.
-Out: `verification_tasks` (VerificationTask), `maintenance_goal` (PoseStamped), `evidence` (WorldEvidence: what the
-verifier measured). Service: `~/trigger`. Calls: action `verify_object`; if told to, nav2's `navigate_to_pose`, and
-`find_object` for what was looked for in vain.
-"""
+"""Node `world_maintenance`: decides which object to look at again, and has it done."""
 
 from __future__ import annotations
 
@@ -17,9 +11,9 @@ import numpy as np
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid as GridMessage
-from numpy.typing import NDArray
 from std_msgs.msg import Bool, Header
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.rotations import wrap_scalar
@@ -52,7 +46,6 @@ from world_model.describing import named
 from world_model.tasks.growth import Growth
 from world_model.tasks.maintenance import warm_up
 
-Array = NDArray[np.float64]
 # Sizes that are added to the 95 % region of a position, as objects are no points.
 BODY = np.array([0.3, 0.3, 0.3])
 LOOKS_BEFORE_LOST = 2  # observations in vain, each from nearer, after which an object is lost
@@ -326,7 +319,6 @@ class WorldMaintenanceNode(SuiteNode):
     # Helpers.
 
     def _now(self) -> float:
-        """s of the node's clock."""
         return self.now / NANOSECONDS
 
     def _header(self) -> Header:
@@ -338,7 +330,6 @@ class WorldMaintenanceNode(SuiteNode):
 
 
 def main() -> None:
-    """Entry point of the executable `world_maintenance`."""
     exit_with(WorldMaintenanceNode)
 
 

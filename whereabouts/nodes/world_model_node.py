@@ -1,10 +1,4 @@
-"""Node `world_model`: which objects exist and where they are, with a memory.
-
-In: `evidence` (WorldEvidence), `detections` (vision_msgs/Detection3DArray), `detections_2d` (Detection2DArray) with
-`camera_info` and `depth` or `scan`, `targets` (TargetArray), `predicted_paths` (PredictedPathArray, optional),
-`robot_pose` (PoseWithCovarianceStamped, optional), tf. Out: `world_state`, `world_hypotheses`, `objects`
-(vision_msgs/Detection3DArray), `~/markers`. Services: `~/query`, `~/forget`, `~/relabel`, `~/save`, `~/reset`.
-"""
+"""Node `world_model`: which objects exist and where they are, with a memory."""
 
 from __future__ import annotations
 
@@ -12,7 +6,6 @@ import time
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from vision_msgs.msg import Detection2DArray, Detection3DArray
 
@@ -36,7 +29,6 @@ from world_model.memory.store import RETRY, Store
 from world_model.predictions import Path
 from world_model.queries import Words
 
-Array = NDArray[np.float64]
 # A target this far from where its object was is somebody else: m, and m/s since.
 HINT_DISTANCE, WALKING_SPEED = 1.0, 2.0
 # Targets are filtered: those in between, s, are not independent.
@@ -287,7 +279,6 @@ class WorldModelNode(SuiteNode):
 
 
 def main() -> None:
-    """Entry point of the executable `world_model`."""
     exit_with(WorldModelNode)
 
 

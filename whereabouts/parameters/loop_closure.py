@@ -82,5 +82,4 @@ class LoopClosureParameters(MapFrame, OdomFrame, BaseFrame, FileParameters):
 
     @property
     def slam(self) -> SlamConfig:
-        """The library's settings."""
         return self.config_of(SlamConfig)

@@ -45,5 +45,4 @@ class MotionPredictorParameters(MapFrame, BaseFrame, FileParameters):
 
     @property
     def intentions(self) -> IntentionConfig:
-        """The library's settings."""
         return self.config_of(IntentionConfig)

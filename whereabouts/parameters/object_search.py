@@ -42,7 +42,6 @@ class ObjectSearchParameters(MapFrame, BaseFrame):
 
     @property
     def search(self) -> SearchConfig:
-        """The library's settings."""
         return self.config_of(SearchConfig)
 
     @property

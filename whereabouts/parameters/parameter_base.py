@@ -1,13 +1,16 @@
-"""What parameters of all nodes have in common, and how a parameter is described."""
+"""What parameters of all nodes have in common, how they are described, and the models by the names of their nodes."""
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import fields
-from typing import Any, ClassVar, Literal, Self, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic.fields import FieldInfo
 
 from estimation.errors import InputError
+from whereabouts.node_names import NODES
 from whereabouts.system.state_files import StateFiles
 
 Config = TypeVar("Config")
@@ -132,3 +135,62 @@ class SharedParameters(FileParameters, BaseFrame, OdomFrame, MapFrame):
     """What several nodes have, with one meaning; a section `/**` of a parameter file sets it for all of them."""
 
     public = ("map_frame", "odom_frame", "base_frame")
+
+
+def is_parameter_of_any(name: str) -> bool:
+    """Whether some node of the suite has a parameter of that name."""
+    return any(name in model_of(node).model_fields for node in NODES)
+
+
+def expert_names(node: str) -> tuple[str, ...]:
+    """Parameters that a node alone has and that are not public."""
+    model = model_of(node)
+    known = {*model.public, *SharedParameters.model_fields}
+    return tuple(name for name in model.model_fields if name not in known)
+
+
+def model_of(node: str) -> type[NodeParameters]:
+    """Parameter model of a node by its name."""
+    module = importlib.import_module(f"whereabouts.parameters.{node}")
+    for name, item in vars(module).items():
+        own = isinstance(item, type) and item.__module__ == module.__name__ and not name.startswith("_")
+        if own and issubclass(item, NodeParameters):
+            return item
+    raise LookupError(f"whereabouts.parameters.{node} has no parameter model")
+
+
+def extra(field: FieldInfo, name: str) -> Any:
+    """`unit` or `fixed` of a field."""
+    given = field.json_schema_extra
+    return given.get(name) if isinstance(given, dict) else None
+
+
+def bounds(field: FieldInfo) -> tuple[float | None, float | None]:
+    """Inclusive lower and upper bound of a field, None where it has none."""
+    lower = next((m.ge for m in field.metadata if hasattr(m, "ge")), None)
+    upper = next((m.le for m in field.metadata if hasattr(m, "le")), None)
+    return lower, upper
+
+
+def allowed(field: FieldInfo) -> str:
+    """What values a field takes, in words."""
+    lower, upper = bounds(field)
+    kind = getattr(field.annotation, "__name__", str(field.annotation)).replace("typing.", "")
+    if options := get_args(field.annotation):
+        listed = ", ".join(getattr(option, "__name__", str(option)) for option in options)
+        kind = f"one of {listed}" if kind == "Literal" else f"{kind} of {listed}"
+    unit = extra(field, "unit")
+    span = "" if lower is None or upper is None else f" from {lower:g} to {upper:g}"
+    return f"{kind}{span}{f' {unit}' if unit else ''}"
+
+
+def explain(model: type[NodeParameters], problem: Any) -> str:
+    """One validation problem as a sentence: name, value, allowed values."""
+    name = str(problem["loc"][0]) if problem["loc"] else "parameters"
+    field = model.model_fields.get(name)
+    expected = f"{allowed(field)} expected" if field else problem["msg"]
+    if problem["type"] == "value_error":
+        expected = problem["msg"].removeprefix("Value error, ")
+        if not problem["loc"]:
+            return f"parameters: {expected}"
+    return f"parameter {name}: {expected}, got {problem['input']!r}"

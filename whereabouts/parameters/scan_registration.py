@@ -46,12 +46,10 @@ class ScanRegistrationParameters(BaseFrame, OdomFrame):
 
     @property
     def odometry(self) -> OdometryConfig:
-        """The library's settings."""
         return self.config_of(OdometryConfig)
 
     @property
     def segmenter(self) -> SegmenterConfig:
-        """The library's settings of what labels movers."""
         return self.config_of(SegmenterConfig)
 
     @property
@@ -61,5 +59,4 @@ class ScanRegistrationParameters(BaseFrame, OdomFrame):
 
     @property
     def clouds(self) -> list[str]:
-        """Cloud topics in use."""
         return [topic for topic in self.cloud_topics if topic]

@@ -6,7 +6,7 @@ from typing import Literal
 
 from tracking.people.people_config import PeopleConfig
 from whereabouts.parameters.parameter_base import OdomFrame, setting, setting_of
-from whereabouts.system.clocks import SECOND, TOLERANCE
+from whereabouts.system.clocks import NANOSECONDS, TOLERANCE
 
 
 class TargetTrackerParameters(OdomFrame):
@@ -35,4 +35,4 @@ class TargetTrackerParameters(OdomFrame):
     @property
     def people(self) -> PeopleConfig:
         """The library's settings; how late a scan may be is the same for all nodes."""
-        return self.config_of(PeopleConfig, late_window=TOLERANCE / SECOND)
+        return self.config_of(PeopleConfig, late_window=TOLERANCE / NANOSECONDS)

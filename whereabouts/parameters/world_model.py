@@ -10,12 +10,12 @@ from estimation.errors import InputError
 from estimation.geometry.places import Places
 from whereabouts.parameter_file import read_yaml
 from whereabouts.parameters.parameter_base import BaseFrame, FileParameters, MapFrame, setting, setting_of
-from whereabouts.system.clocks import SECOND, TOLERANCE
+from whereabouts.system.clocks import NANOSECONDS, TOLERANCE
 from world_model import WorldModelConfig
 from world_model.symbols import Symbols, default_symbols
 
 # s: what comes later than that is not of the node's time (`whereabouts.system.clocks`).
-LATEST = 2 * TOLERANCE / SECOND
+LATEST = 2 * TOLERANCE / NANOSECONDS
 
 
 class WorldModelParameters(MapFrame, BaseFrame, FileParameters):

@@ -10,9 +10,14 @@ from typing import Any
 import yaml
 
 from whereabouts.node_names import NODES
-from whereabouts.parameters.description import allowed, extra
-from whereabouts.parameters.parameter_base import NodeParameters, SharedParameters
-from whereabouts.parameters.registry import expert_names, model_of
+from whereabouts.parameters.parameter_base import (
+    NodeParameters,
+    SharedParameters,
+    allowed,
+    expert_names,
+    extra,
+    model_of,
+)
 
 WIDTH = 112  # characters of a line
 PUBLIC = "# Parameters that a user sets, with their defaults; the rest: `whereabouts parameters --expert`.\n"

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import FrameTree, TransformError
 from estimation.geometry.rotations import quaternion_from_rotation
 from whereabouts.messages.compressed_depth import encoding_of
-from whereabouts.messages.decode import NANOSECONDS, nanoseconds, transforms
+from whereabouts.messages.decode import nanoseconds, transforms
 from whereabouts.messages.records import strip_slash
 from whereabouts.messages.type_names import CAMERA_INFO, COMPRESSED, IMAGE, TF
 from whereabouts.recorded.camera_messages import (
@@ -21,7 +22,8 @@ from whereabouts.recorded.camera_messages import (
     check_depth,
     depth_from_message,
 )
-from whereabouts.recorded.evidence_messages import Array, Reader, SeenFrame
+from whereabouts.recorded.evidence_messages import Reader, SeenFrame
+from whereabouts.system.clocks import NANOSECONDS
 from world_model import WorldEvidence
 from world_model.camera import CameraModel, CameraView, DepthImage, SightRates, located
 from world_model.camera.depth import ENCODINGS
@@ -50,8 +52,7 @@ class CameraLog:
         self.rates = SightRates()
         self._reader, self._settings = reader, settings
         self.map_frame = settings.map_frame
-        self._lenses = Cameras(rectified=settings.camera_rectified)
-        self._depths: dict[str, Cameras] = {}
+        self._cameras = Cameras(rectified=settings.camera_rectified)
 
     def take(self, kind: str, message: Any, topic: str) -> None:
         """One message of `TYPES`. Raises InputError."""
@@ -67,10 +68,9 @@ class CameraLog:
             return
         frame, stamp = strip_slash(str(message.header.frame_id)), nanoseconds(message.header.stamp)
         if kind == CAMERA_INFO:
-            self._lenses.take_info(message, frame)
+            self._cameras.take_info(message, frame)
         elif encoding_of(message) if kind == COMPRESSED else str(message.encoding) in ENCODINGS:
-            kept = self._depths.setdefault(frame, Cameras())
-            kept.keep(stamp, message)
+            self._cameras.keep(stamp, message, frame)
 
     def evidence(self, message: Any, frame: str, stamp: int, last: bool) -> tuple[WorldEvidence, list[str]]:
         """Of boxes in the image of a frame, at a stamp, ns, and why some could not be placed.
@@ -79,7 +79,7 @@ class CameraLog:
 
         Raises TransformError, and InputError also where what belongs to them has not come.
         """
-        found = self._lenses.lens_for(frame, of_image=True)
+        found = self._cameras.lens_for(frame, of_image=True)
         assert found is not None
         robot = self.placed(frame, stamp)
         camera, pose = found[1], robot.matrix
@@ -95,7 +95,7 @@ class CameraLog:
         evidence, refused = self._reader.boxes(
             message, robot, view, lambda box, others: located(box, camera, depth, turned, others)
         )
-        evidence.blocked = self._lenses.repeats(frame, stamp)
+        evidence.blocked = self._cameras.repeats(frame, stamp)
         return evidence, refused
 
     def placed(self, frame: str, stamp: int) -> SeenFrame:
@@ -105,10 +105,9 @@ class CameraLog:
 
     def _depth(self, frame: str, camera: CameraModel, stamp: int) -> tuple[DepthImage, int]:
         """The depth image of detections, and its stamp, ns."""
-        kept = self._depths.get(frame)
-        found = None if kept is None else kept.nearest(stamp)
+        found = self._cameras.nearest(stamp, frame)
         if found is None:
             raise InputError(f"no depth image of '{frame}' within {1e-9 * TOLERANCE:g} s of these detections")
         depth = depth_from_message(found[1])
-        check_depth(depth, frame, camera, frame)
+        check_depth(depth, strip_slash(str(found[1].header.frame_id)), camera, frame)
         return depth, found[0]

@@ -85,7 +85,6 @@ class Cameras:
 
     @property
     def has_depth(self) -> bool:
-        """Whether any depth image or scan has come."""
         return bool(self._kept)
 
     def nearest(self, stamp: int, frame: str = "") -> tuple[int, Any] | None:

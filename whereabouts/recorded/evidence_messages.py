@@ -11,18 +11,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from estimation.checks import FloatArray as Array
 from estimation.conversion.uncertain_frame import through_uncertain_pose
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from estimation.geometry.rotations import rotation_from_quaternion
+from registration.laser.scan import FARTHEST
 from whereabouts.recorded.camera_messages import box_from_message
 from world_model import ObjectEvidence, WorldEvidence
 from world_model.camera import CameraView, ImageBox, LocatedBox, overlap
 from world_model.symbols import Gaussian, Symbols, default_symbols
 
-Array = npt.NDArray[np.float64]
 SUM_TOLERANCE = 0.01
 SIZE_SIGMA = 0.1
 """Standard deviation of a detected extent, as a share of it."""
@@ -31,8 +31,6 @@ FLOOR_SIGMA = 1.0
 NOT_FOUND = "not_found"
 """`detection_id` of an object that was looked for, by its `object_id`, and is not there."""
 PERSON = "person"
-FARTHEST = 1e6
-"""m: nothing is farther away, or longer."""
 SHORTEST = 1e-6
 """m: an extent below it was not measured."""
 DOUBLE = 0.5

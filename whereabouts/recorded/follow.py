@@ -6,16 +6,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.geometry.poses import between, compound, inverse, pose_to_matrix
 from registration.laser.scan import Scan
 from registration.odometry.follower import Odometry
 from registration.odometry.odometry_config import OdometryConfig
 from registration.odometry.wheel_history import NANOSECONDS, WheelHistory
 from whereabouts.logs import CloudRecord, OdometryRecord, Record, ScanRecord
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +35,6 @@ class FollowedPose:
 
     @property
     def view(self) -> Scan | Array:
-        """What was seen: a scan, or points (N, 3)."""
         return self.record.scan if isinstance(self.record, ScanRecord) else self.record.points
 
     @property
@@ -59,11 +56,9 @@ class Follower:
         self._last_stamp: int | None = None
 
     def add_wheels(self, record: OdometryRecord) -> None:
-        """A wheel odometry message."""
         self._history.insert(round(record.stamp * NANOSECONDS), np.asarray(record.pose))
 
     def add_scan(self, record: ScanRecord) -> FollowedPose:
-        """The next scan."""
         mount = np.zeros(3) if record.sensor_pose is None else np.asarray(record.sensor_pose)
         motion, wheels = self._motion(record)
         stamp = round(record.stamp * NANOSECONDS)
@@ -77,7 +72,6 @@ class Follower:
         return self._followed(record, robot, wheels)
 
     def add_cloud(self, record: CloudRecord) -> FollowedPose:
-        """The next cloud."""
         stamp = round(record.stamp * NANOSECONDS)
         motion = None if self._last_stamp is None else self._history.motion(self._last_stamp, stamp, 0.5)
         self._last_stamp = stamp
@@ -129,7 +123,8 @@ def follow(
     wheels: str | None = None
     for record in log:
         if isinstance(record, OdometryRecord):
-            wheels = record.topic if wheels is None or _of_wheels(record.topic) else wheels
+            of_wheels = record.topic.rpartition("/")[2] == "wheel_odom"
+            wheels = record.topic if wheels is None or of_wheels else wheels
             if record.topic == wheels:
                 follower.add_wheels(record)
         elif isinstance(record, ScanRecord | CloudRecord):
@@ -137,7 +132,3 @@ def follow(
             if record.topic.lstrip("/") != topic.lstrip("/"):
                 continue
             yield follower.add_scan(record) if isinstance(record, ScanRecord) else follower.add_cloud(record)
-
-
-def _of_wheels(topic: str) -> bool:
-    return topic.strip("/").rsplit("/", 1)[-1] == "wheel_odom"

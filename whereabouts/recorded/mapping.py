@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.geometry.grid import OccupancyGrid
 from estimation.geometry.poses import compound, inverse
 from loop_closure.maps.localization import Localizer
@@ -21,8 +21,6 @@ from whereabouts.logs import Log
 from whereabouts.messages.message_rotations import to_plane
 from whereabouts.recorded.follow import FollowedPose, follow
 from whereabouts.system.atomic import atomic_path
-
-Array = NDArray[np.float64]
 
 
 @dataclass
@@ -61,7 +59,6 @@ def map_log(
 
 
 def add(mapped: Mapped, followed: FollowedPose) -> None:
-    """One more scan."""
     mount, sensor = followed.mount, followed.pose
     mapped.stamps.append(followed.stamp)
     mapped.odometry.append(followed.pose)

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.geometry.poses import between, compound
 from registration.laser.scan import Scan
 from tracking.mixture.target import Target
@@ -16,8 +16,6 @@ from tracking.people.people_tracker import PeopleTracker
 from tracking.people.scan_filters import PointsTracker
 from whereabouts.logs import Log, ScanRecord
 from whereabouts.recorded.follow import follow
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

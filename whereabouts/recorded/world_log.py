@@ -10,18 +10,16 @@ from typing import Any
 
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
-from whereabouts.logs import RawMessage, open_raw
-from whereabouts.logs.summary import Summary
-from whereabouts.messages.decode import NANOSECONDS, nanoseconds
+from whereabouts.logs import RawLog, RawMessage
+from whereabouts.messages.decode import nanoseconds
 from whereabouts.messages.records import strip_slash
-from whereabouts.messages.type_names import BOXES, DETECTIONS
+from whereabouts.messages.type_names import BOXES, DETECTIONS, EVIDENCE, TARGETS
 from whereabouts.recorded.camera_log import TYPES, CameraLog, CameraSettings
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
+from whereabouts.system.clocks import NANOSECONDS
 from whereabouts.system.log_errors import NothingRecognisedError, UnreadableTypeError
 from world_model import WorldEvidence
 
-EVIDENCE = "whereabouts_msgs/msg/WorldEvidence"
-TARGETS = "whereabouts_msgs/msg/TargetArray"
 PATIENCE = NANOSECONDS
 """of recording that what is seen waits for transforms and depth images."""
 
@@ -36,8 +34,8 @@ class LoggedLook:
     missing: tuple[str, ...]
 
 
-class EvidenceLog:
-    """All evidence of a bag in the order of recording; a context manager.
+class EvidenceLog(RawLog):
+    """All evidence of a bag; a context manager.
 
     Evidence, detections in space and targets in other frames than the map's are placed by the tf of the bag, boxes in
     an image (Detection2DArray) by CameraInfo and depth image, too, as `camera` says. In a bag whose tf has no map they
@@ -49,28 +47,18 @@ class EvidenceLog:
     def __init__(
         self, path: Path, reader: Reader, frame: str = "", camera: CameraSettings | None = None
     ) -> None:
-        self.path = path
+        super().__init__(path)
         self.frame = frame
         settings = camera or CameraSettings()
         self._map_frame = settings.map_frame
         self.camera = CameraLog(reader, settings)
         self._waiting: deque[tuple[RawMessage, Any]] = deque()
         self._reader = reader
-        self._bag = open_raw(path)
 
-    @property
-    def summary(self) -> Summary:
-        """Account of the pass: skipped messages with their reasons."""
-        return self._bag.summary
-
-    @property
-    def progress(self) -> float:
-        """Share of the bag that has been read."""
-        return self._bag.progress
-
-    def __iter__(self) -> Iterator[LoggedLook]:
+    def looks(self) -> Iterator[LoggedLook]:
+        """Look by look, in the order of recording. Raises NothingRecognisedError where there is none."""
         count = 0
-        for raw in self._bag:
+        for raw in self:
             if raw.type_name not in (EVIDENCE, DETECTIONS, TARGETS, BOXES, *TYPES):
                 continue
             try:
@@ -94,7 +82,7 @@ class EvidenceLog:
             )
 
     def _skip(self, raw: RawMessage, reason: Exception | str) -> None:
-        self._bag.summary.skip(f"{raw.name}: {reason}", f"time {raw.log_time / NANOSECONDS:.3f}")
+        self.summary.skip(f"{raw.name}: {reason}", f"time {raw.log_time / NANOSECONDS:.3f}")
 
     def _due(self, until: int | None) -> Iterator[LoggedLook]:
         """What is said by messages for which all has come that they need; those of before `until`, ns, or all where
@@ -158,13 +146,3 @@ class EvidenceLog:
             return world
         chain = transforms.chain(frame)
         return chain[-1] if transforms.moving.keys() & set(chain) else frame
-
-    def close(self) -> None:
-        """Release files."""
-        self._bag.close()
-
-    def __enter__(self) -> EvidenceLog:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

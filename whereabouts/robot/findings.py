@@ -41,18 +41,8 @@ note = partial(Finding, "note")
 def findings(survey: Survey, choice: Choice) -> list[Finding]:
     """All there is to say, the gravest first."""
     parts = (
-        _sensors,
-        _refused,
-        _namespaces,
-        _tree,
-        _mounting,
-        _publishers,
-        _clocks,
-        _qos,
-        _odometry,
-        _objects,
-        _others,
-    )
+        _sensors, _refused, _namespaces, _tree, _mounting, _publishers, _clocks, _qos, _odometry, _objects, _others
+    )  # fmt: skip
     said = [finding for part in parts for finding in part(survey, choice)]
     return sorted(said, key=lambda finding: ("error", "warning", "note").index(finding.level))
 
@@ -173,7 +163,6 @@ def _mounting(survey: Survey, choice: Choice) -> Iterator[Finding]:
 
 
 def _who(survey: Survey, child: str) -> str:
-    """Where the transforms of a frame came from."""
     topics = sorted({name for edge in survey.edges.values() if edge.child == child for name in edge.topics})
     nodes = sorted(
         {node for name in topics if name in survey.topics for node in survey.topics[name].publishers}

@@ -43,7 +43,6 @@ class UsualNames(BaseModel):
 
 
 def preset_names() -> list[str]:
-    """All presets, sorted."""
     folder = files("whereabouts.robot") / "presets"
     stems = [item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml")]
     return sorted(name for name in stems if name != NAMES)

@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.geometry.frame_tree import FrameTree, TransformError
 from estimation.geometry.poses import transform_points
 from registration.laser.mounting import level_pose, seen_from_robot, upright
 from whereabouts.logs import CloudRecord, OdometryRecord, Record, ScanRecord, TransformRecord
 from whereabouts.messages.records import strip_slash
 from whereabouts.parameter_file import settings_for
-
-Matrix = NDArray[np.float64]
 
 
 class RobotLog:
@@ -82,7 +80,7 @@ class RobotLog:
         }
         return [f"{text} ({count} {of})" for text, count in said.items() if count]
 
-    def _place(self, frame: str) -> Matrix | None:
+    def _place(self, frame: str) -> Array | None:
         """Pose (4, 4) of a frame on the robot, as transforms up to now say; None where they do not."""
         if frame == self._base:
             return np.eye(4)

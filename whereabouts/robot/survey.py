@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from whereabouts.logs import Qos
 from whereabouts.messages.type_names import CAMERA_INFO, COMPRESSED, IMAGE
 
@@ -25,7 +25,6 @@ UNTAKEN = {
 CAMERAS = (IMAGE, COMPRESSED, CAMERA_INFO)
 # m that a transform leaps and leaps back by, from which on two publishers disagree.
 LEAP = 0.02
-Matrix = NDArray[np.float64]
 
 
 @dataclass
@@ -54,7 +53,6 @@ class SeenTopic:
     refused: Counter[str] = field(default_factory=Counter)
 
     def note(self, stamp: float, frame: str, received: float) -> None:
-        """One more message."""
         self.count += 1
         self.frame = frame
         first = stamp if self.stamps is None else min(self.stamps[0], stamp)
@@ -64,7 +62,6 @@ class SeenTopic:
 
     @property
     def blind(self) -> bool:
-        """Whether a scanner has seen nothing at all."""
         return self.empty == self.count
 
     @property
@@ -81,7 +78,6 @@ class SeenTopic:
 
     @property
     def lag(self) -> float | None:
-        """Median of the lags, s."""
         return float(np.median(self.lags)) if self.lags else None
 
 
@@ -98,8 +94,8 @@ class FrameEdge:
     static: bool
     topics: set[str] = field(default_factory=set)
     stamps: list[float] = field(default_factory=list)
-    places: list[Matrix] = field(default_factory=list)
-    matrix: Matrix = field(default_factory=lambda: np.eye(4))
+    places: list[Array] = field(default_factory=list)
+    matrix: Array = field(default_factory=lambda: np.eye(4))
 
     @property
     def disagreeing(self) -> bool:
@@ -135,10 +131,9 @@ class Survey:
     suite: frozenset[str] = frozenset()
 
     def of(self, *kinds: str) -> list[SeenTopic]:
-        """Topics of some types, by name."""
         return [self.topics[name] for name in sorted(self.topics) if self.topics[name].kind in kinds]
 
-    def add_transform(self, parent: str, child: str, matrix: Matrix, stamp: float, topic: str) -> None:
+    def add_transform(self, parent: str, child: str, matrix: Array, stamp: float, topic: str) -> None:
         """One transform that was heard; matrix (4, 4)."""
         static = topic.endswith("tf_static")
         edge = self.edges.setdefault((parent, child), FrameEdge(parent, child, static))
@@ -154,7 +149,6 @@ class Survey:
         return sorted({f"/{topic.strip('/')}".rpartition("/")[0] for topic in topics})
 
     def parents(self, child: str) -> list[str]:
-        """All parents a frame was given, sorted."""
         return sorted({edge.parent for edge in self.edges.values() if edge.child == child})
 
     def chain(self, frame: str, known: frozenset[str] = frozenset()) -> list[str]:
@@ -164,21 +158,19 @@ class Survey:
         above = [self.chain(parent, known | {frame}) for parent in self.parents(frame)]
         return [frame, *max(above, key=len, default=[])]
 
-    def mounting(self, sensor: str, base: str) -> Matrix | None:
+    def mounting(self, sensor: str, base: str) -> Array | None:
         """Pose (4, 4) of a sensor on the robot; None where tf does not connect them."""
         chain = self.chain(sensor)
         if base not in chain:
             return None
-        pose: Matrix = np.eye(4)
+        pose: Array = np.eye(4)
         for child, parent in pairwise(chain[: chain.index(base) + 1]):
             pose = self.edges[parent, child].matrix @ pose
         return pose
 
     def frames(self) -> set[str]:
-        """All frames of tf."""
         return {name for edge in self.edges for name in edge}
 
 
 def names(items: Iterable[SeenTopic]) -> str:
-    """Topics as a list in words."""
     return ", ".join(item.name for item in items)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from world_model import ObjectEvidence, WorldEvidence
 
-Array = NDArray[np.float64]
 CLASSES = ("cup", "bowl", "bottle", "book", "box")
 COLORS = ("red", "green", "blue", "white")
 

@@ -42,7 +42,6 @@ class Shapes:
             object.__setattr__(self, "circle_owners", np.zeros(len(self.circles), dtype=np.int64))
 
     def owned_by(self, owner: int) -> Shapes:
-        """The same outlines, all belonging to `owner`."""
         return Shapes(
             self.segments,
             self.circles,
@@ -81,7 +80,6 @@ def unit(angle: float) -> Array:
 
 
 def joined(parts: Iterable[Shapes]) -> Shapes:
-    """All outlines in one."""
     every = list(parts)
     if not every:
         return Shapes()
@@ -110,5 +108,4 @@ def box(length: float, width: float, pose: ArrayLike = (0.0, 0.0, 0.0)) -> Shape
 
 
 def circle(x: float, y: float, radius: float) -> Shapes:
-    """A circle, metres."""
     return Shapes(circles=np.array([[x, y, radius]], dtype=np.float64))

@@ -14,9 +14,9 @@ from estimation.errors import InputError
 from estimation.geometry.rotations import quaternion_from_euler
 from whereabouts.logs import McapWriter, Topic
 from whereabouts.logs.bags.encode import header, made, xyz, xyzw
-from whereabouts.messages.decode import NANOSECONDS
+from whereabouts.messages.type_names import EVIDENCE
 from whereabouts.nodes.messages.message_types import definition
-from whereabouts.recorded.world_log import EVIDENCE
+from whereabouts.system.clocks import NANOSECONDS
 from world_model import ObjectEvidence, WorldEvidence
 
 
@@ -47,7 +47,6 @@ class SuiteMessages:
         return Topic(name, type_name, self._definitions[type_name])
 
     def serialized(self, message: Any, type_name: str) -> bytes:
-        """CDR bytes."""
         return bytes(self._store.serialize_cdr(message, type_name))
 
     def evidence(self, evidence: WorldEvidence, stamp: float, frame: str) -> Any:

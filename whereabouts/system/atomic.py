@@ -35,12 +35,19 @@ def atomic_path(target: Path, directory: bool = False) -> Iterator[Path]:
         else:
             temporary.touch(exist_ok=False)
             yield temporary
-            _flush(temporary)
+            with temporary.open("rb+") as stream:
+                os.fsync(stream.fileno())
             temporary.replace(target)
     except OSError as error:
         raise WriteError(target, f"cannot be written ({error.strerror or error})") from error
     finally:
         _remove(temporary)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text whole or not at all. Raises WriteError."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def write_csv(path: Path, columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
@@ -52,11 +59,6 @@ def write_csv(path: Path, columns: Iterable[str], rows: Iterable[Iterable[Any]])
 def _beside(target: Path) -> Path:
     """A path in the same directory at which nothing is."""
     return target.with_name(f".{target.name}.{uuid4().hex[:12]}.part")
-
-
-def _flush(path: Path) -> None:
-    with path.open("rb+") as stream:
-        os.fsync(stream.fileno())
 
 
 def _replace_directory(temporary: Path, target: Path) -> None:

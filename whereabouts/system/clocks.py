@@ -14,11 +14,11 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-SECOND = 1_000_000_000
+NANOSECONDS = 1_000_000_000
 # ns by which a stamp may be off and is still taken: detectors are up to 5 s late, and clocks as far apart.
-TOLERANCE = 11 * SECOND // 2
+TOLERANCE = 11 * NANOSECONDS // 2
 # A source of which as little is known as this is given all the time there is.
-LEAST_PATIENCE = SECOND
+LEAST_PATIENCE = NANOSECONDS
 # Messages of one source that are held back at most.
 MOST_HELD = 64
 
@@ -80,7 +80,7 @@ class SourceClock(Generic[Item]):
     @property
     def lag(self) -> float:
         """How far it is usually behind the newest of all sources, s."""
-        return statistics.median(self._lags) / SECOND if self._lags else 0.0
+        return statistics.median(self._lags) / NANOSECONDS if self._lags else 0.0
 
     @property
     def patience(self) -> int:
@@ -296,7 +296,7 @@ class Clocks(Generic[Item]):
             self._move(group, ruling)
             return
         names = ", ".join(str(name) for name in group)
-        ruling.new_run = f"{names}: time went back by {(before - clock.held[0].stamp) / SECOND:.3f} s"
+        ruling.new_run = f"{names}: time went back by {(before - clock.held[0].stamp) / NANOSECONDS:.3f} s"
         ruling.counted = self._taken > 1
         held = {name: other.release() for name, other in group.items()}
         ruling.refused += self.begin()

@@ -34,7 +34,6 @@ def share_directory() -> Path:
 
 
 def config_file(name: str) -> Path:
-    """Path of a file in config/."""
     path = share_directory() / "config" / name
     if not path.exists():
         raise ResourceError(f"{path} does not exist")

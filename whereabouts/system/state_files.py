@@ -59,14 +59,13 @@ class StateFiles:
                 )
             raise InputError(f"path: {name!r} is outside {self.folder}")
         if making and not absolute:
-            self._make_folder()
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(
+                    f"{self.folder}: cannot be made ({error.strerror}); see state_dir"
+                ) from error
         return path
-
-    def _make_folder(self) -> None:
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{self.folder}: cannot be made ({error.strerror}); see state_dir") from error
 
 
 def keep_foreign(path: Path, is_ours: Callable[[Path], bool], what: str) -> None:

@@ -26,7 +26,6 @@ class Frames:
         self._told: set[str] = set()
 
     def knows(self, frame: str) -> bool:
-        """Whether tf has said where a frame is."""
         return strip_slash(frame) in self._told
 
     def take(self, message: Any, topic: str) -> Iterator[PlaceShape]:

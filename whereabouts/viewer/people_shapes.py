@@ -15,7 +15,6 @@ PALETTE: tuple[Color, ...] = (
 )  # fmt: skip
 HIDDEN_SHADE = 0.45
 HEIGHT = 0.02
-LOOK_AHEAD = 1.0
 
 
 def color_of(label: int, pale: float = 0.0) -> Color:
@@ -37,7 +36,7 @@ def targets(message: Any, path: str, name: str) -> Iterator[Shape]:
     ways: list[Array] = []
     for center, item in zip(centers, people, strict=True):
         velocity = xyz(item.velocity)
-        ways.append(rows([center, tuple(c + LOOK_AHEAD * v for c, v in zip(center, velocity, strict=True))]))  # type: ignore[list-item]
+        ways.append(rows([center, tuple(c + v for c, v in zip(center, velocity, strict=True))]))  # type: ignore[list-item]
     yield Lines(f"{path}/{name}/velocity", tuple(ways), colors, 0.04)
     yield Value(f"plots/{name}", float(message.expected_count))
 

@@ -28,7 +28,6 @@ class PictureSink:
             self.write()
 
     def draw(self, stamp: float, shapes: Iterable[Shape]) -> None:
-        """Shapes that hold from `stamp` (s) on."""
         for shape in shapes:
             if isinstance(shape, PlaceShape):
                 self._places[shape.path] = shape.matrix
@@ -45,7 +44,6 @@ class PictureSink:
         return matrix
 
     def write(self) -> None:
-        """Draw the picture."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(11.0, 7.0), dpi=120, layout="constrained")

@@ -59,11 +59,11 @@ class RerunSink:
         self._recording.disconnect()
 
     def draw(self, stamp: float, shapes: Iterable[Shape]) -> None:
-        """Shapes that hold from `stamp` (s) on."""
         self._recording.set_time(TIMELINE, timestamp=stamp)
         for shape in shapes:
             static = isinstance(shape, PlaceShape) and shape.static
-            self._recording.log(entity_path(shape.path), self._component(shape), static=static)
+            # Rerun escapes what the parts of a path hold.
+            self._recording.log(shape.path.split("/"), self._component(shape), static=static)
 
     def _component(self, shape: Shape) -> Any:
         rr = self._rerun
@@ -106,8 +106,3 @@ class RerunSink:
                 column_shares=[3, 1],
             )
         )
-
-
-def entity_path(path: str) -> list[str]:
-    """Parts of a path; Rerun escapes what they hold."""
-    return path.split("/")

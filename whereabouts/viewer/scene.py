@@ -15,17 +15,15 @@ from whereabouts.messages.records import MAP_FRAME, ODOM_FRAME, strip_slash
 from whereabouts.viewer.drawable import Array, Color, Lines, Points, Shape, TextNote
 from whereabouts.viewer.fields import matrix_of, rows, xyz
 from whereabouts.viewer.frames import Frames
-from whereabouts.viewer.object_shapes import evidence, hypotheses, task, world
+from whereabouts.viewer.object_shapes import TASK, evidence, hypotheses, task, world
 from whereabouts.viewer.people_shapes import predictions, targets
 
 STATIC, MOVING, UNKNOWN = (90, 90, 90), (230, 40, 40), (190, 170, 120)
-TRAVELLED, WHEELS, TRAJECTORY, CLOSURE = (60, 110, 230), (170, 170, 170), (25, 100, 230), (230, 60, 30)
-MAP, SEARCH, MAINTENANCE = (40, 40, 40), (20, 160, 80), (160, 60, 200)
+TRAVELLED, WHEELS, MAP, SEARCH = (60, 110, 230), (170, 170, 170), (40, 40, 40), (20, 160, 80)
 OCCUPIED = 50
-CLOUD_LIMIT = 20_000
 SCANS_KEPT = 50
 USUAL_NAMES = {"targets": "people", "world_state": "objects"}
-TRAVEL_LIMIT, TRAVEL_STEP = 20_000, 0.05
+MOST_POINTS, TRAVEL_STEP = 20_000, 0.05  # of a cloud or of a way; m between two of a way
 ROBOT = np.array([[-0.2, -0.2, 0.05], [0.3, 0.0, 0.05], [-0.2, 0.2, 0.05], [-0.2, -0.2, 0.05]])
 ARROW = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.35, 0.1, 0.0], [0.5, 0.0, 0.0], [0.35, -0.1, 0.0]])
 
@@ -65,7 +63,6 @@ class Scene:
 
     @property
     def types(self) -> frozenset[str]:
-        """Message types that are drawn."""
         return frozenset(self._handlers)
 
     def take(self, type_name: str, topic: str, message: Any) -> list[Shape]:
@@ -106,7 +103,7 @@ class Scene:
 
     def _cloud(self, message: Any, topic: str) -> Iterable[Shape]:
         for record in clouds(message, topic):
-            step = max(1, -(-len(record.points) // CLOUD_LIMIT))
+            step = max(1, -(-len(record.points) // MOST_POINTS))
             name = _name(topic)
             sensor = name not in ("map_points", "predicted_occupancy")
             path = f"{self.frames.path(record.frame_id, sensor)}/{name}"
@@ -132,7 +129,7 @@ class Scene:
         if way and np.hypot(here[0] - way[-1][0], here[1] - way[-1][1]) < TRAVEL_STEP:
             return
         way.append(here)
-        del way[:-TRAVEL_LIMIT]
+        del way[:-MOST_POINTS]
         # Every step a line of all steps would be quadratic in what is stored.
         if len(way) < 20 or len(way) % 10 == 0:
             name = _name(topic)
@@ -153,7 +150,7 @@ class Scene:
     def _path(self, message: Any, topic: str) -> Iterable[Shape]:
         points = [xyz(item.pose.position) for item in message.poses]
         path = self._place(message)
-        yield Lines(f"{path}/{topic.rpartition('/')[2]}", (rows(points),), TRAJECTORY, 0.04)
+        yield Lines(f"{path}/{topic.rpartition('/')[2]}", (rows(points),), TRAVELLED, 0.04)
         if _name(topic) == "trajectory":
             stamps = [nanoseconds(item.header.stamp) for item in message.poses]
             self._keyframes = dict(zip(stamps, points, strict=True))
@@ -171,11 +168,11 @@ class Scene:
         joined = [
             ends for ends, accepted in self._closures.items() if accepted and all(e in known for e in ends)
         ]
-        return Lines(f"{path}/closures", tuple(rows([known[a], known[b]]) for a, b in joined), CLOSURE, 0.05)
+        return Lines(f"{path}/closures", tuple(rows([known[a], known[b]]) for a, b in joined), MOVING, 0.05)
 
     def _goal(self, message: Any, topic: str) -> Iterable[Shape]:
         name = _name(topic)
-        color: Color = SEARCH if name == "search_goal" else MAINTENANCE
+        color: Color = SEARCH if name == "search_goal" else TASK
         matrix = matrix_of(message.pose)
         yield Lines(
             f"{self._place(message)}/{name}",

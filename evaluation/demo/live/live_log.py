@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from whereabouts.logs import McapWriter, Qos, RawMessage, Topic
-from whereabouts.recorded.world_log import EVIDENCE
+from whereabouts.messages.type_names import EVIDENCE
 from whereabouts.simulation.home.apartment_bag import MomentWriter
 from whereabouts.simulation.home.live_apartment import LiveDay
 

@@ -9,7 +9,6 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import yaml
 import zstandard
@@ -18,7 +17,7 @@ from whereabouts.logs.bags.mcap_file import McapFile
 from whereabouts.logs.bags.rosbag1_file import Ros1File
 from whereabouts.logs.bags.sqlite_file import SqliteFile
 from whereabouts.logs.bags.storage import BagFile, Qos, Stored, Topic, parse_qos
-from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, copy, unpack
+from whereabouts.logs.bags.unpacking import copy, unpack
 from whereabouts.logs.format_detection import only_member, refuse_compressed_bag
 from whereabouts.logs.formats.text import ZIP_MAGIC, TextSource, open_file
 from whereabouts.logs.summary import Summary
@@ -29,67 +28,59 @@ STORAGES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
-def open_bag(path: Path, summary: Summary, limit: int = UNPACKED_LIMIT) -> BagFile:
-    """A ROS 1 or ROS 2 bag of any kind; damage found on the way goes into `summary`. limit : bytes it may unpack to.
+def open_bag(path: Path, summary: Summary) -> BagFile:
+    """A ROS 1 or ROS 2 bag of any kind; damage found on the way goes into `summary`.
 
     Raises LogNotFoundError, UnknownFormatError, DamagedLogError: as `open_log`.
     """
     if path.is_dir():
-        return BagDirectory(path, summary, limit)
-    return open_bag_file(path, summary, limit=limit)
+        return BagDirectory(path, summary)
+    return open_bag_file(path, summary)
 
 
-def open_bag_file(
-    path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
-) -> BagFile:
+def open_bag_file(path: Path, summary: Summary, shown: Path | None = None) -> BagFile:
     """One file, told apart by its first bytes; `shown` is what messages call it."""
     with open_file(path) as stream:
         magic = stream.read(16)
     if magic.startswith(b"\x89MCAP"):
-        return McapFile(path, summary, shown, limit)
+        return McapFile(path, summary, shown)
     if magic.startswith(b"SQLite format 3"):
         return SqliteFile(path, summary, shown)
     if magic.startswith(b"#ROSBAG"):
-        return Ros1File(path, summary, shown, limit)
+        return Ros1File(path, summary, shown)
     if magic.startswith(ZSTD_MAGIC):
-        return _unpacked(path, summary, _inflate_zstd, limit)
+        return _unpacked(path, summary, _inflate_zstd)
     if magic.startswith(ZIP_MAGIC):
-        return _unpacked(path, summary, _inflate_zip, limit)
+        return _unpacked(path, summary, _inflate_zip)
     refuse_compressed_bag(shown or path, TextSource(path).head(16))
     problem = "is no bag: neither MCAP, sqlite3 nor ROS 1; `whereabouts convert` makes one of other logs"
     raise UnknownFormatError(shown or path, problem)
 
 
-def _unpacked(
-    path: Path, summary: Summary, inflate: Callable[[Path, Path, int], None], limit: int
-) -> BagFile:
+def _unpacked(path: Path, summary: Summary, inflate: Callable[[Path, Path], None]) -> BagFile:
     """A bag inside a compressed file, on disk as long as it is open: bags need random access."""
     with tempfile.TemporaryDirectory(prefix="whereabouts-") as folder:
         unpacked = Path(folder) / "bag"
-        inflate(path, unpacked, limit)
-        return open_bag_file(unpacked, summary, path, limit)
+        inflate(path, unpacked)
+        return open_bag_file(unpacked, summary, path)
 
 
-def _inflate_zstd(path: Path, target: Path, limit: int) -> None:
+def _inflate_zstd(path: Path, target: Path) -> None:
     """A file cut short gives its beginning; the reader of that then says where it breaks off."""
     with path.open("rb") as source, target.open("wb") as sink:
         try:
-            copy(
-                zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True).read,
-                sink,
-                path,
-                limit,
-            )
+            reader = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
+            copy(reader.read, sink, path)
         except zstandard.ZstdError as error:
             if not sink.tell():
                 raise DamagedLogError(path, f"cannot be decompressed ({error})") from error
 
 
-def _inflate_zip(path: Path, target: Path, limit: int) -> None:
+def _inflate_zip(path: Path, target: Path) -> None:
     member = only_member(path)
     try:
         with zipfile.ZipFile(path) as archive, archive.open(member) as source, target.open("wb") as sink:
-            copy(source.read, sink, path, limit)
+            copy(source.read, sink, path)
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, zlib.error) as error:
         raise DamagedLogError(path, f"member {member} cannot be unpacked ({error})") from error
 
@@ -102,10 +93,9 @@ class BagDirectory:
     is missing; DamagedLogError: metadata.yaml cannot be used.
     """
 
-    def __init__(self, path: Path, summary: Summary, limit: int = UNPACKED_LIMIT) -> None:
+    def __init__(self, path: Path, summary: Summary) -> None:
         self.path = path
         self._summary = summary
-        self._limit = limit
         self._current: BagFile | None = None
         self._number = 0
         self._inflate: Callable[[bytes], bytes] | None = None
@@ -145,7 +135,7 @@ class BagDirectory:
     def _each(self) -> Iterator[BagFile]:
         for number, path in enumerate(self._files):
             self._number = number
-            file = open_bag_file(path, self._summary, limit=self._limit)
+            file = open_bag_file(path, self._summary)
             self._current = file
             try:
                 yield file
@@ -170,7 +160,8 @@ class BagDirectory:
             raise UnknownFormatError(
                 self.path, f"is no rosbag2 directory: neither {METADATA} nor a .mcap or .db3 file in it"
             )
-        return sorted(files, key=_by_number)
+        # `bag_10` comes after `bag_2`.
+        return sorted(files, key=lambda path: (list(map(int, re.findall(r"\d+", path.name))), path.name))
 
     def _described(self) -> list[Path]:
         source = self.path / METADATA
@@ -178,7 +169,9 @@ class BagDirectory:
             information = yaml.safe_load(source.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
             names = [PurePosixPath(str(name)).name for name in information["relative_file_paths"]]
             for entry in information.get("topics_with_message_count") or ():
-                self._describe(entry["topic_metadata"])
+                topic = entry["topic_metadata"]
+                qos = parse_qos(topic.get("offered_qos_profiles") or "")
+                self._recorded[topic["name"], topic["type"]] = topic.get("type_description_hash") or "", qos
         except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
             problem = "is no rosbag2 metadata; without it the files beside it are read on their own"
             raise DamagedLogError(source, problem) from error
@@ -187,19 +180,9 @@ class BagDirectory:
             form = information.get("compression_format")
             raise UnknownFormatError(source, f"compression {form} is not known, zstd is")
         if compressed and str(information["compression_mode"]).lower() == "message":
-            self._inflate = lambda data: unpack("zstd", data, self.path, self._limit)
+            self._inflate = lambda data: unpack("zstd", data, self.path)
         files = [self.path / name for name in names]
         missing = [file.name for file in files if not file.is_file()]
         if missing or not files:
             raise LogNotFoundError(self.path, f"files named in {METADATA} are missing: {', '.join(missing)}")
         return files
-
-    def _describe(self, topic: dict[str, Any]) -> None:
-        type_hash = topic.get("type_description_hash") or ""
-        qos = parse_qos(topic.get("offered_qos_profiles") or "")
-        self._recorded[topic["name"], topic["type"]] = type_hash, qos
-
-
-def _by_number(path: Path) -> tuple[list[int], str]:
-    """`bag_10` comes after `bag_2`."""
-    return [int(digits) for digits in re.findall(r"\d+", path.name)], path.name

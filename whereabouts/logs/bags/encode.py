@@ -13,14 +13,10 @@ from rosbags.typesys.store import Typestore
 from estimation.errors import InputError
 from estimation.geometry.rotations import quaternion_from_rotation
 from whereabouts.logs.bags.ros_types import standard_types
-from whereabouts.messages.decode import NANOSECONDS
 from whereabouts.messages.message_rotations import quaternion_of_yaw
 from whereabouts.messages.records import CloudRecord, OdometryRecord, ScanRecord, TransformRecord
-
-SCAN_TYPE = "sensor_msgs/msg/LaserScan"
-CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
-ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
-TF_TYPE = "tf2_msgs/msg/TFMessage"
+from whereabouts.messages.type_names import CLOUD, ODOMETRY, SCAN, TF
+from whereabouts.system.clocks import NANOSECONDS
 
 # builtin_interfaces/Time counts seconds in an int32, and ROS clients refuse negative ones.
 LATEST_STAMP = 2**31
@@ -90,7 +86,7 @@ def scan_message(record: ScanRecord) -> Any:
         "range_max": scan.range_max,
         "ranges": scan.ranges,
     }
-    return made(standard_types(), SCAN_TYPE, fields)
+    return made(standard_types(), SCAN, fields)
 
 
 def odometry_message(record: OdometryRecord) -> Any:
@@ -111,7 +107,7 @@ def odometry_message(record: OdometryRecord) -> Any:
         "pose": {"pose": pose, "covariance": covariance.reshape(36)},
         "twist": {"twist": {"linear": xyz((vx, vy, 0.0)), "angular": xyz((0.0, 0.0, rate))}},
     }
-    return made(standard_types(), ODOMETRY_TYPE, fields)
+    return made(standard_types(), ODOMETRY, fields)
 
 
 def cloud_message(record: CloudRecord) -> Any:
@@ -138,7 +134,7 @@ def cloud_message(record: CloudRecord) -> Any:
         "data": np.frombuffer(values.tobytes(), dtype=np.uint8),
         "is_dense": True,
     }
-    return made(standard_types(), CLOUD_TYPE, fields)
+    return made(standard_types(), CLOUD, fields)
 
 
 def transform_message(records: Sequence[TransformRecord]) -> Any:
@@ -154,4 +150,4 @@ def transform_message(records: Sequence[TransformRecord]) -> Any:
         }
         for record in records
     ]
-    return made(standard_types(), TF_TYPE, {"transforms": stamped})
+    return made(standard_types(), TF, {"transforms": stamped})

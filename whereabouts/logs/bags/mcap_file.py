@@ -26,7 +26,7 @@ from whereabouts.logs.bags.storage import (
     Topic,
     parse_qos,
 )
-from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
+from whereabouts.logs.bags.unpacking import unpack
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import UnknownFormatError
 
@@ -42,10 +42,8 @@ _LARGEST_RECORD = 1 << 32
 class McapFile(ChunkedFile):
     """A bare .mcap file."""
 
-    def __init__(
-        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
-    ) -> None:
-        super().__init__(path, summary, shown, limit)
+    def __init__(self, path: Path, summary: Summary, shown: Path | None = None) -> None:
+        super().__init__(path, summary, shown)
         self._schemas: dict[int, Schema] = {}
         if self._stream.read(len(MAGIC)) != MAGIC:
             raise UnknownFormatError(self._shown, "is no MCAP file: its first bytes are not MCAP's")
@@ -67,7 +65,10 @@ class McapFile(ChunkedFile):
             for opcode, _, content in _frames(self._stream, self._size):
                 self._declare(opcode, content)
                 if opcode == Opcode.CHUNK_INDEX:
-                    self._note_chunk(ChunkIndex.read(ReadDataStream(BytesIO(content))))
+                    chunk = ChunkIndex.read(ReadDataStream(BytesIO(content)))
+                    if chunk.chunk_start_offset >= self._size:
+                        raise ValueError("chunk outside the file")
+                    self._chunks.append((chunk.message_start_time, chunk.chunk_start_offset))
                 elif opcode == Opcode.FOOTER:
                     break
         except DECODING_ERRORS:
@@ -76,11 +77,6 @@ class McapFile(ChunkedFile):
             return True
         self._indexed = bool(self._chunks) and bool(self._topics)
         return True
-
-    def _note_chunk(self, index: ChunkIndex) -> None:
-        if index.chunk_start_offset >= self._size:
-            raise ValueError("chunk outside the file")
-        self._chunks.append((index.message_start_time, index.chunk_start_offset))
 
     def _declare(self, opcode: int, content: bytes) -> None:
         """Take note of a schema or a channel."""
@@ -118,7 +114,7 @@ class McapFile(ChunkedFile):
         return found
 
     def _decompress(self, chunk: Chunk, where: str) -> bytes:
-        data = unpack(chunk.compression, chunk.data, self._shown, self._limit, where)
+        data = unpack(chunk.compression, chunk.data, self._shown, where)
         if len(data) != chunk.uncompressed_size:
             raise ValueError("chunk of another size than it says")
         if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
@@ -155,7 +151,6 @@ class McapFile(ChunkedFile):
             )
 
     def _read(self, opcode: int, content: bytes, offset: int) -> list[Stored]:
-        """Messages of a record outside the index."""
         if opcode == Opcode.CHUNK:
             return self._unpack(content, offset)
         if opcode == Opcode.MESSAGE:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from whereabouts.logs.bags.bag_directory import open_bag
 from whereabouts.logs.bags.ros_types import decoded
-from whereabouts.logs.bags.storage import Stored, Topic, wanted_by
-from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
-from whereabouts.logs.log import Log
+from whereabouts.logs.bags.storage import Stored, Topic
+from whereabouts.logs.log import Log, topic_names
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, other
 from whereabouts.messages.records import Record, strip_slash
@@ -30,17 +29,11 @@ class RosLog(Log):
     them: then each message is a MessageRecord.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        topics: Iterable[str] | None = None,
-        format: str = "rosbag2",
-        unpacked_limit: int = UNPACKED_LIMIT,
-    ) -> None:
+    def __init__(self, path: Path, topics: Iterable[str] | None = None, format: str = "rosbag2") -> None:
         super().__init__(path, topics)
         self.format = format
         _check(path)
-        self._bag = open_bag(path, self.summary, unpacked_limit)
+        self._bag = open_bag(path, self.summary)
         self._found = self.summary.copy()
 
     @property
@@ -56,10 +49,11 @@ class RosLog(Log):
         for stored in self._bag.messages():
             messages += 1
             if self.wants(stored.topic.name):
-                self._place = stored.where
+                self.place = stored.where
                 yield from self._decode(stored)
         if not messages:
-            raise NothingRecognisedError(self.path, "holds no message" + _first_note(self.summary))
+            note = f"; {next(iter(self.summary.notes))}" if self.summary.notes else ""
+            raise NothingRecognisedError(self.path, f"holds no message{note}")
 
     def _decode(self, stored: Stored) -> Iterator[Record]:
         topic = stored.topic
@@ -95,12 +89,10 @@ class RawMessage:
 
     @property
     def name(self) -> str:
-        """Name of the topic as recorded."""
         return self.topic.name
 
     @property
     def type_name(self) -> str:
-        """Such as "sensor_msgs/msg/LaserScan"."""
         return self.topic.type_name
 
     def decoded(self) -> Any:
@@ -119,14 +111,17 @@ class RawLog:
     def __init__(self, path: Path | str, topics: Iterable[str] | None = None) -> None:
         self.path = Path(path)
         self.summary = Summary()
-        self._wanted = wanted_by(topics)
+        self._wanted = topic_names(topics)
         _check(self.path)
         self._bag = open_bag(self.path, self.summary)
         self._found = self.summary.copy()
 
     @property
     def topics(self) -> list[Topic]:
-        return [topic for topic in self._bag.topics() if self._wanted(topic.name) and not topic.problem]
+        return [topic for topic in self._bag.topics() if self._wants(topic) and not topic.problem]
+
+    def _wants(self, topic: Topic) -> bool:
+        return self._wanted is None or strip_slash(topic.name) in self._wanted
 
     @property
     def progress(self) -> float:
@@ -138,7 +133,7 @@ class RawLog:
         self.summary.update(self._found)
         for stored in self._bag.messages():
             topic = stored.topic
-            if not self._wanted(topic.name):
+            if not self._wants(topic):
                 continue
             if topic.problem:
                 self.summary.skip(f"{topic.name}: {topic.type_name}: {topic.problem}", stored.where)
@@ -152,10 +147,9 @@ class RawLog:
             yield RawMessage(topic, data, stored.log_time)
 
     def close(self) -> None:
-        """Release files."""
         self._bag.close()
 
-    def __enter__(self) -> RawLog:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -175,7 +169,3 @@ def _check(path: Path) -> None:
         raise LogNotFoundError(path, "does not exist; check the path")
     if path.is_file() and not path.stat().st_size:
         raise EmptyLogError(path, "is empty")
-
-
-def _first_note(summary: Summary) -> str:
-    return f"; {next(iter(summary.notes))}" if summary.notes else ""

@@ -12,10 +12,9 @@ from rosbags.typesys.msg import normalize_msgtype
 from rosbags.typesys.store import Typestore
 
 from whereabouts.logs.bags.ros_types import standard_types
-from whereabouts.logs.bags.storage import Qos, Topic
+from whereabouts.logs.bags.storage import LATCHED, Topic
 
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
-LATCHED = Qos(depth=1, durability="transient_local")
 
 
 def topic_of(name: bytes, connection: dict[bytes, bytes]) -> Topic:

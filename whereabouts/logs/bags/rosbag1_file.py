@@ -15,12 +15,12 @@ from typing import BinaryIO
 
 from whereabouts.logs.bags.ros1_types import topic_of
 from whereabouts.logs.bags.storage import DECODING_ERRORS, BrokenOffError, ChunkedFile, Stored
-from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
+from whereabouts.logs.bags.unpacking import unpack
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import DamagedLogError, UnknownFormatError
 
 VERSION = re.compile(rb"#ROSBAG V(\d+\.\d+)\n")
-MESSAGE, BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 5, 6, 7
+MESSAGE, CHUNK, CHUNK_INFO, CONNECTION = 2, 5, 6, 7
 Fields = dict[bytes, bytes]
 
 _LENGTH = struct.Struct("<I")
@@ -34,10 +34,8 @@ class Ros1File(ChunkedFile):
     Raises UnknownFormatError: not of version 2.0, or encrypted; DamagedLogError: breaks off before its first record.
     """
 
-    def __init__(
-        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
-    ) -> None:
-        super().__init__(path, summary, shown, limit)
+    def __init__(self, path: Path, summary: Summary, shown: Path | None = None) -> None:
+        super().__init__(path, summary, shown)
         self._start = self._read_start()
 
     def _read_start(self) -> int:
@@ -95,7 +93,7 @@ class Ros1File(ChunkedFile):
         """Messages of a chunk in the order they lie in it."""
         where = f"byte {offset}"
         form = fields[b"compression"].decode("ascii")
-        content = unpack(form, data, self._shown, self._limit, where)
+        content = unpack(form, data, self._shown, where)
         if len(content) != _LENGTH.unpack(fields[b"size"])[0]:
             raise ValueError("chunk of another size than it says")
         found: list[Stored] = []
@@ -126,7 +124,6 @@ class Ros1File(ChunkedFile):
             offset = following
 
     def _read(self, operation: int, fields: Fields, data: bytes, offset: int) -> list[Stored]:
-        """Messages of a record outside the index."""
         if operation == CHUNK:
             return self._unpack(fields, data, offset)
         if operation == CONNECTION:

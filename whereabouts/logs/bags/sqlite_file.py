@@ -29,7 +29,7 @@ class SqliteFile:
         try:
             self._database = _connect(path)
             self._topics = self._read_topics()
-            self._last = self._last_row()
+            self._last = self._database.execute("SELECT MAX(id) FROM messages").fetchone()[0] or 0
         except _READING_ERRORS as error:
             raise DamagedLogError(
                 self._shown, f"is no readable rosbag2 database ({error}); `sqlite3 FILE .recover` may help"
@@ -96,10 +96,6 @@ class SqliteFile:
         cursor = self._database.execute(query)
         names = [column[0] for column in cursor.description]
         return [dict(zip(names, row, strict=True)) for row in cursor]
-
-    def _last_row(self) -> int:
-        value = self._database.execute("SELECT MAX(id) FROM messages").fetchone()[0]
-        return value or 0
 
 
 def _connect(path: Path) -> sqlite3.Connection:

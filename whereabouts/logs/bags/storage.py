@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import struct
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,10 +15,8 @@ import yaml
 import zstandard
 from mcap.exceptions import McapError
 
-from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.formats.text import open_file
 from whereabouts.logs.summary import Summary
-from whereabouts.messages.records import strip_slash
 from whereabouts.system.log_errors import OversizedLogError, UnreadableTypeError
 
 # Numbers of rmw, as written by rosbag2 up to Iron; later ones write the names.
@@ -62,6 +60,9 @@ class Topic:
     qos: tuple[Qos, ...] = ()
     to_cdr: Callable[[bytes], bytes] | None = field(default=None, repr=False)
     problem: str = ""
+
+
+LATCHED = Qos(depth=1, durability="transient_local")
 
 
 class Stored(NamedTuple):
@@ -126,14 +127,11 @@ class ChunkedFile(ABC):
     """A bag file in chunks, read by its index where there is one, else from front to back.
 
     path : the file; shown : what error messages and remarks call it (the archive it came from).
-    summary : account of damage. limit : bytes that a chunk may unpack to, `BLOCK_LIMIT` at most.
+    summary : account of damage.
     """
 
-    def __init__(
-        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
-    ) -> None:
+    def __init__(self, path: Path, summary: Summary, shown: Path | None = None) -> None:
         self.path = path
-        self._limit = limit
         self._shown = shown or path
         self._summary = summary
         self._stream = open_file(path)
@@ -204,14 +202,6 @@ class ChunkedFile(ABC):
             if position + 1 < len(messages):
                 following = (messages[position + 1].log_time, chunk, position + 1, messages)
                 heapq.heappush(open_chunks, following)
-
-
-def wanted_by(names: Iterable[str] | None) -> Callable[[str], bool]:
-    """Whether a topic is among `names`, leading slashes aside; None stands for all."""
-    if names is None:
-        return lambda name: True
-    chosen = frozenset(strip_slash(name) for name in names)
-    return lambda name: strip_slash(name) in chosen
 
 
 def parse_qos(text: object) -> tuple[Qos, ...]:

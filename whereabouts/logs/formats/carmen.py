@@ -42,6 +42,7 @@ LASERS: dict[bytes, tuple[str, LaserParser]] = {
 TOPICS = {"front": ("scan", "laser"), "rear": ("rear_scan", "rear_laser")}
 ODOMETRY_TOPIC = "wheel_odom"
 FACING_TOLERANCE = 0.1
+MOUNT_SETTINGS = ("offset", "side_offset", "angular_offset")  # x, y and yaw
 
 # Messages of the format that carry nothing this reader hands out.
 OTHER_MESSAGES = frozenset(
@@ -82,7 +83,7 @@ class CarmenLog(TextLog):
                 continue
             recognised += 1
             if record is not None and self.wants(record.topic):
-                self._place = f"line {number}"
+                self.place = f"line {number}"
                 yield record
         if not recognised:
             raise NothingRecognisedError(
@@ -136,20 +137,15 @@ class CarmenLog(TextLog):
         name = fields[1].decode(errors="replace").replace("front_laser", "frontlaser")
         name = name.replace("rear_laser", "rearlaser").removeprefix("robot_").removeprefix("laser_")
         side, _, setting = name.partition("laser_")
-        if side not in TOPICS or setting not in ("max", "offset", "side_offset", "angular_offset"):
+        if side not in TOPICS or setting not in ("max", *MOUNT_SETTINGS):
             return
         value = numbers(fields[2:3], f"PARAM {fields[1].decode(errors='replace')}")[0]
-        self._lasers[side] = _updated(self._lasers[side], side, setting, value)
-
-
-def _updated(laser: LaserParameters, side: str, setting: str, value: float) -> LaserParameters:
-    if setting == "max":
-        return LaserParameters(usable_range(value), laser.mount)
-    facing = math.pi if side == "rear" else 0.0
-    x, y, yaw = (0.0, 0.0, facing) if laser.mount is None else laser.mount
-    mount = {
-        "offset": (value, y, yaw),
-        "side_offset": (x, value, yaw),
-        "angular_offset": (x, y, value + facing),
-    }[setting]
-    return LaserParameters(laser.max_range, np.array(mount))
+        laser = self._lasers[side]
+        if setting == "max":
+            self._lasers[side] = LaserParameters(usable_range(value), laser.mount)
+            return
+        facing = np.array((0.0, 0.0, math.pi if side == "rear" else 0.0))
+        mount = (facing if laser.mount is None else laser.mount).copy()
+        axis = MOUNT_SETTINGS.index(setting)
+        mount[axis] = value + facing[axis]
+        self._lasers[side] = LaserParameters(laser.max_range, mount)

@@ -109,28 +109,13 @@ def count_of(text: bytes, what: str = "number of readings") -> int:
     return int(text)
 
 
-class _Values(dict[bytes, float]):
-    """Text to number, remembered: readings are whole centimetres, so a log has few thousand different ones."""
-
-    LARGEST = 1 << 16
-
-    def __missing__(self, text: bytes) -> float:
-        if len(self) >= self.LARGEST:
-            self.clear()
-        value = self[text] = float(text)
-        return value
-
-
-_VALUES = _Values()
-
-
 def readings(fields: Sequence[bytes]) -> list[float]:
     """Ranges; NaN and infinities stay, they are no-returns.
 
     Raises BadLineError: one of them is not a number.
     """
     try:
-        return list(map(_VALUES.__getitem__, fields))
+        return list(map(float, fields))
     except ValueError:
         raise BadLineError("a range is not a number") from None
 

@@ -102,7 +102,7 @@ class G2oLog(TextLog):
                     line = parse_robotlaser(fields, self._max_range, float(stamps[rank]))
                     lasers += 1
                     if self.wants("scan"):
-                        self._place = f"line {number}"
+                        self.place = f"line {number}"
                         mount = between(line.robot, line.laser)
                         pose = graph.poses[rank]
                         yield ScanRecord(

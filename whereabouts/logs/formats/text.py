@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, bounded
+from whereabouts.logs.bags.unpacking import bounded
 from whereabouts.logs.log import Log
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import DamagedLogError, LogNotFoundError
@@ -35,16 +35,14 @@ def open_file(path: Path) -> BinaryIO:
         raise LogNotFoundError(path, f"cannot be read ({error.strerror}); check the path") from error
 
 
-def decompressed(
-    raw: BinaryIO, path: Path, member: str | None = None, limit: int = UNPACKED_LIMIT
-) -> BinaryIO:
+def decompressed(raw: BinaryIO, path: Path, member: str | None = None) -> BinaryIO:
     """Content of the open file, decompressed when its first bytes say so; `member` of a zip archive.
 
-    Reading raises OversizedLogError beyond `limit` bytes of what was compressed.
+    Reading raises OversizedLogError where it unpacks to too much.
     """
     if member is not None:
         try:
-            return bounded(zipfile.ZipFile(raw).open(member), path, limit)  # closed with `raw`
+            return bounded(zipfile.ZipFile(raw).open(member), path)  # closed with `raw`
         except (*DECODING_ERRORS, KeyError, NotImplementedError, RuntimeError) as error:
             raise DamagedLogError(
                 path, f"member {member} cannot be read ({error}); unpack it first"
@@ -52,19 +50,18 @@ def decompressed(
     magic = raw.read(4)
     raw.seek(0)
     if magic.startswith(GZIP_MAGIC):
-        return bounded(gzip.GzipFile(fileobj=raw), path, limit)
+        return bounded(gzip.GzipFile(fileobj=raw), path)
     if magic.startswith(BZIP2_MAGIC):
-        return bounded(bz2.BZ2File(raw), path, limit)
+        return bounded(bz2.BZ2File(raw), path)
     return raw
 
 
 class TextSource:
-    """Numbered lines of a text log; can be read any number of times. limit : bytes that it may unpack to."""
+    """Numbered lines of a text log; can be read any number of times."""
 
-    def __init__(self, path: Path, member: str | None = None, limit: int = UNPACKED_LIMIT) -> None:
+    def __init__(self, path: Path, member: str | None = None) -> None:
         self.path = path
         self.member = member
-        self.limit = limit
         self._raw: BinaryIO | None = None
 
     @property
@@ -78,7 +75,7 @@ class TextSource:
         """The first bytes of the content."""
         with open_file(self.path) as raw:
             try:
-                return decompressed(raw, self.path, self.member, self.limit).read(size)
+                return decompressed(raw, self.path, self.member).read(size)
             except DECODING_ERRORS:
                 return b""
 
@@ -87,7 +84,7 @@ class TextSource:
         number = 0
         with open_file(self.path) as raw:
             self._raw = raw
-            content = decompressed(raw, self.path, self.member, self.limit)
+            content = decompressed(raw, self.path, self.member)
             while True:
                 try:
                     line = content.readline(LONGEST_LINE)
@@ -116,7 +113,7 @@ class TextLog(Log):
 
     path : the file, plain, .gz or .bz2, or a zip archive holding one. topics : hand out only these; None for all.
     max_range : metres from which a reading is a no-return, instead of what the log says.
-    member : name inside a zip archive. unpacked_limit : bytes that a compressed log may unpack to.
+    member : name inside a zip archive.
     """
 
     def __init__(
@@ -125,10 +122,9 @@ class TextLog(Log):
         topics: Iterable[str] | None = None,
         max_range: float | None = None,
         member: str | None = None,
-        unpacked_limit: int = UNPACKED_LIMIT,
     ) -> None:
         super().__init__(path, topics)
-        self._source = TextSource(path, member, unpacked_limit)
+        self._source = TextSource(path, member)
         self._max_range = max_range
 
     @property

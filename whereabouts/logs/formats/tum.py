@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.rotations import quaternion_from_rotation, rotation_from_quaternion
 from whereabouts.logs.formats.text import TextSource
@@ -17,8 +18,6 @@ from whereabouts.logs.summary import Summary
 from whereabouts.messages.message_rotations import quaternion_of_yaw, to_plane
 from whereabouts.system.atomic import atomic_path
 from whereabouts.system.log_errors import EmptyLogError, TrajectoryError
-
-Array = NDArray[np.float64]
 
 HEADER = "# stamp x y z qx qy qz qw\n"
 UNIT_TOLERANCE = 1e-2

@@ -28,7 +28,6 @@ from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.srv import SaveMap
 
 KEPT = frozenset({"map", "tf_static", "world_state", "search_goal", "maintenance_goal"})
-DEPTH = 50
 ANSWER_WITHIN = 10.0
 """s that a service or the search has to answer a request."""
 
@@ -49,13 +48,13 @@ class LiveSource:
         self._waiting: deque[tuple[str, bytes]] = deque(maxlen=10_000)
         self._newest: dict[str, bytes] = {}
         self._lock = threading.Lock()
-        self._count = 0
+        self.version = 0
         self._search: Shown | None = None
         self._running: RunningSearch | None = None
         self._ended = threading.Event()
         self.unusable: Counter[str] = Counter()
         for topic, name in TOPICS.items():
-            qos = LATCHED if topic in KEPT else best_effort(DEPTH)
+            qos = LATCHED if topic in KEPT else best_effort()
             self._node.create_subscription(message_class(name), topic, self._keep(topic), qos, raw=True)
         self._searches = Searches(self._node)
         self._save = self._node.create_client(SaveMap, "loop_closure/save_map")
@@ -71,10 +70,6 @@ class LiveSource:
         leave(self._node)
         if self._past is not None:
             self._past.close()
-
-    @property
-    def version(self) -> int:
-        return self._count
 
     def world(self) -> Shown:
         with self._lock:
@@ -116,7 +111,7 @@ class LiveSource:
                     self._waiting.append((topic, data))
                 else:
                     self._newest[topic] = data
-                self._count += 1
+                self.version += 1
 
         return keep
 
@@ -161,11 +156,11 @@ class LiveSource:
     def _told(self, asked: Shown, step: FindObject.Feedback) -> None:
         # A search ends when another one is asked for: what it says last is not about the new one.
         asked["text"] = str(step.reason)
-        self._count += 1
+        self.version += 1
 
     def _found(self, asked: Shown, result: FindObject.Result) -> None:
         asked |= {"text": str(result.message), "done": True, "found": result.code == result.FOUND}
-        self._count += 1
+        self.version += 1
 
     def _cancel(self, _: dict[str, Any]) -> str:
         running = self._running

@@ -6,21 +6,17 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 
 from whereabouts.logs import Qos
 from whereabouts.messages.type_names import COMPRESSED, IMAGE, OBSERVED
 from whereabouts.nodes.live.listener import listen
 from whereabouts.nodes.ros.inputs import EARLY
-from whereabouts.nodes.runtime.dead_ends import full_name
+from whereabouts.nodes.runtime.audience import full_name
 from whereabouts.robot.bags import look_at_message
 from whereabouts.robot.survey import SeenTopic, Survey
 
 HEARD = (*OBSERVED, "diagnostic_msgs/msg/DiagnosticArray")
-NAMES = {
-    ReliabilityPolicy.BEST_EFFORT: "best_effort", ReliabilityPolicy.RELIABLE: "reliable",
-    DurabilityPolicy.VOLATILE: "volatile", DurabilityPolicy.TRANSIENT_LOCAL: "transient_local",
-}  # fmt: skip
 
 
 def survey_graph(seconds: float) -> Survey:
@@ -36,7 +32,6 @@ def survey_graph(seconds: float) -> Survey:
         look_at_message(survey, seen, message, 1e-9 * arrival)
 
     def look(node: Node, _: list[str]) -> None:
-        """Who publishes what."""
         for name, kinds in node.get_topic_names_and_types():
             infos = node.get_publishers_info_by_topic(name)
             if infos:
@@ -57,7 +52,6 @@ def survey_graph(seconds: float) -> Survey:
 
 
 def _troubles(suite: dict[str, Any]) -> list[str]:
-    """What running nodes of the suite complain about."""
     troubles = []
     if suite:
         names = ", ".join(f"/{name}" for name in sorted(suite))
@@ -79,6 +73,6 @@ def _troubles(suite: dict[str, Any]) -> list[str]:
 def _offer(profile: QoSProfile) -> Qos:
     return Qos(
         depth=profile.depth,
-        reliability=NAMES.get(profile.reliability, "unknown"),
-        durability=NAMES.get(profile.durability, "unknown"),
+        reliability=profile.reliability.name.lower(),
+        durability=profile.durability.name.lower(),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,10 +13,9 @@ from rclpy.qos import DurabilityPolicy
 
 from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
 from whereabouts.nodes.ros.executor import leave, private_node
-from whereabouts.nodes.ros.qos import best_effort, reliable
+from whereabouts.nodes.ros.qos import LOOKED_AT, best_effort, reliable
 from whereabouts.system.interrupts import interrupts_kept
 
-DEPTH = 50
 LOOK_PERIOD = 0.5  # s
 Take = Callable[[str, str, Any, int], None]
 
@@ -36,7 +36,6 @@ class Listener:
     namespace: str = ""
     brief: Collection[str] = ()
     topics: dict[str, Any] = field(default_factory=dict)
-    unknown: set[str] = field(default_factory=set)
     _enough: set[str] = field(default_factory=set, init=False)
 
     def look(self) -> list[str]:
@@ -51,17 +50,15 @@ class Listener:
             offers = self.node.get_publishers_info_by_topic(topic) if wanted else []
             if topic in self.topics or not topic.startswith(f"{prefix}/") or not offers:
                 continue
-            try:
+            with suppress(UnknownTypeError):
                 self._subscribe(topic, wanted[0], offers)
                 found.append(topic)
-            except UnknownTypeError as error:
-                self.unknown.add(str(error))
         return found
 
     def _subscribe(self, topic: str, type_name: str, offers: list[Any]) -> None:
         # Best effort hears everybody; what is kept for latecomers is only sent to those who ask for it.
         latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offers)
-        qos = reliable(DEPTH, latched=True) if latched else best_effort(DEPTH)
+        qos = reliable(LOOKED_AT, latched=True) if latched else best_effort()
         name = topic.removeprefix(self.namespace.rstrip("/"))
 
         def keep(message: Any) -> None:
@@ -80,8 +77,8 @@ def listen(
     seconds: float | None = None,
     on_look: Callable[[Node, list[str]], None] = lambda node, new: None,
     brief: Collection[str] = (),
-) -> list[str]:
-    """Listen as a node of a name until Ctrl-C, or for so many seconds; returns the topics that were heard.
+) -> None:
+    """Listen as a node of a name until Ctrl-C, or for so many seconds.
 
     on_look : called with the node and the new topics, now and then and at the end. brief : as of `Listener`.
     """
@@ -100,4 +97,3 @@ def listen(
         pass
     finally:
         leave(node)
-    return sorted(listener.topics)

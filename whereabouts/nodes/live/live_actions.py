@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +16,6 @@ from world_model.questions import Recall
 from world_model.questions.answers import clean
 from world_model.questions.naming import PREPOSITIONS, in_known_words, plain, sort_of, things_named
 
-LONGEST = 24 * 3600.0
 MAP_PATIENCE = 60.0  # s that writing or reading a map may take
 SERVICES: dict[str, tuple[Any, str, float]] = {
     "verify_object": (TriggerVerification, "world_maintenance/trigger", PATIENCE),
@@ -94,9 +92,8 @@ def find(
                 f"{client.elsewhere('find_object/_action/status')}"
             )
         search = searches.ask(goal, lambda step: on_step(step.reason, step.probability))
-        end = time.monotonic() + LONGEST
         try:
-            while search.result is None and not stopped() and time.monotonic() < end:
+            while search.result is None and not stopped():
                 client.spin()
         finally:
             if search.result is None:

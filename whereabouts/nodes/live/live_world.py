@@ -40,7 +40,6 @@ class Client:
         self.node, self._executor = private_node("whereabouts_client", namespace)
 
     def close(self) -> None:
-        """Leave the graph."""
         leave(self.node)
 
     def until(self, done: Callable[[], bool], seconds: float = PATIENCE) -> bool:
@@ -51,7 +50,6 @@ class Client:
         return done()
 
     def spin(self) -> None:
-        """Handle what has arrived."""
         with interrupts_kept():
             self._executor.spin_once(timeout_sec=0.05)
 

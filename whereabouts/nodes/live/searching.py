@@ -59,7 +59,6 @@ class Searches:
 
     @property
     def ready(self) -> bool:
-        """Whether anybody searches."""
         return bool(self._client.server_is_ready())
 
     def ask(
@@ -76,5 +75,4 @@ class Searches:
         return RunningSearch(self._client.send_goal_async(goal, hear, goal_id(self._me)), ended)
 
     def destroy(self) -> None:
-        """Before the node goes on without it."""
         self._client.destroy()

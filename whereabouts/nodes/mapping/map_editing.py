@@ -1,8 +1,4 @@
-"""What a person does to a map while it is made: pause it, take a false closure out, ask for it.
-
-In: `clicked_point` (PointStamped, RViz's tool "Publish Point"). Services: `~/pause`, `~/remove_closure`,
-`~/dynamic_map`.
-"""
+"""What a person does to a map while it is made: pause it, take a false closure out, ask for it."""
 
 from __future__ import annotations
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.grid import is_grid_file
 from loop_closure.maps.map_file import is_map, write_map
@@ -20,8 +18,6 @@ from whereabouts.system.counting import counted
 from whereabouts.system.state_files import keep_foreign
 from whereabouts_msgs.srv import LoadMap, SaveMap
 
-Array = NDArray[np.float64]
-
 
 class MapFiles:
     """Writes and reads a map. finish : does all that scans have left over."""
@@ -32,7 +28,6 @@ class MapFiles:
         node.add_service(LoadMap, "~/load_map", self._load)
 
     def save_regularly(self) -> None:
-        """Write the map that is being made."""
         # What is saved is not lost to the little that is known after a jump of time.
         if len(self._map.slam.keyframes) and self._map.localizer is None and self._map.earlier is None:
             self._write(Path(self._node.settings.map_file))

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.poses import compound, pose_from_matrix, pose_to_matrix
 from loop_closure.graph.smoother_process import SmootherProcess
@@ -23,7 +23,6 @@ from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.system.atomic import atomic_path
 from whereabouts.system.counting import counted
 
-Array = NDArray[np.float64]
 DRAWN = 12  # keyframes drawn into the map's grid with one scan
 PACE = 8.0  # ms of closing loops with one scan, about; the rest of the work goes on with the next ones
 
@@ -154,7 +153,6 @@ class MapInUse:
         self.changed = True
 
     def look_anew(self) -> None:
-        """Look for the robot in the whole map."""
         self.earlier = None
         self._look_in(self.slam, self.extend)
 
@@ -175,7 +173,6 @@ class MapInUse:
 
     @property
     def flat(self) -> bool:
-        """Whether there is a map of scans."""
         return len(self.slam.keyframes) > 0 and self.slam.keyframes[0].scan is not None
 
     def draw(self) -> None:

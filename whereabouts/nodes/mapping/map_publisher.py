@@ -7,12 +7,12 @@ import numpy as np
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid as GridMessage
 from nav_msgs.msg import Path as PathMessage
-from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.grid_kernels import TILE
 from estimation.geometry.poses import compound, inverse, pose_from_matrix, pose_to_quaternion
@@ -26,7 +26,6 @@ from whereabouts.nodes.messages.transforms import frame_name, transform_message
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.nodes.ros.qos import LATCHED
 
-Array = NDArray[np.float64]
 NOTHING = 1e-6  # metres and radians by which a correction may change without being a new one
 
 
@@ -94,7 +93,6 @@ class MapPublisher:
         self._markers_due = False
 
     def forget(self) -> None:
-        """A new run."""
         self._markers_due = False
 
     def send(self) -> None:
@@ -123,7 +121,6 @@ class MapPublisher:
             self._markers.publish(marker_messages(self._header(made.stamp), made.slam))
 
     def send_changes(self) -> None:
-        """What has changed of the grid."""
         made = self._map
         if made.changed and made.stamp is not None and self._output.updates_wanted(made.grid):
             made.draw()
@@ -158,7 +155,6 @@ class MapTransform:
         self.forget()
 
     def forget(self) -> None:
-        """A new run."""
         self._told = 0  # ns of the node's clock when the correction was last sent
         self._told_correction: Array | None = None
         self._told_until = self._stamp_before = 0  # ns up to which it is valid; of the scan before

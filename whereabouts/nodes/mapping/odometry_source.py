@@ -10,14 +10,13 @@ from typing import Literal
 
 import numpy as np
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import MovingFrame, TransformError
 from loop_closure.motions import invert
 from whereabouts.nodes.messages.transforms import TransformBuffer, frame_name, pose_of
 
-Matrix = NDArray[np.float64]
 Source = Literal["auto", "tf", "messages"]
 
 
@@ -37,12 +36,11 @@ class OdometrySource:
         self.clear()
 
     def clear(self) -> None:
-        """Forget everything."""
         self._heard = MovingFrame("odometry")
         self._child = self._base
-        self._offset: Matrix | None = None
-        self._last: tuple[Matrix, Matrix] | None = None
-        self.shift: Matrix | None = None
+        self._offset: Array | None = None
+        self._last: tuple[Array, Array] | None = None
+        self.shift: Array | None = None
         self.kind = ""
 
     def take(self, message: Odometry, stamp: int) -> None:
@@ -52,7 +50,7 @@ class OdometrySource:
         self._heard.insert(stamp, pose_of(message.pose.pose.position, message.pose.pose.orientation))
         self._child = frame_name(message.child_frame_id) or self._base
 
-    def pose(self, stamp: int, by_tf: Matrix, transforms: TransformBuffer) -> Matrix:
+    def pose(self, stamp: int, by_tf: Array, transforms: TransformBuffer) -> Array:
         """Pose (4, 4) of the robot at `stamp`. by_tf : the same by tf.
 
         Raises
@@ -73,7 +71,7 @@ class OdometrySource:
         self.shift = None if np.array_equal(pose, by_tf) else pose @ invert(by_tf)
         return pose
 
-    def _by_messages(self, stamp: int, transforms: TransformBuffer) -> Matrix | None:
+    def _by_messages(self, stamp: int, transforms: TransformBuffer) -> Array | None:
         if not len(self._heard.history):
             return None
         try:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField
 from std_msgs.msg import Header
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.filters.gaussians import repair_covariance
 from estimation.geometry.poses import pose_from_quaternion, pose_to_quaternion
@@ -21,7 +22,6 @@ from whereabouts.nodes.messages.markers import point
 from whereabouts.nodes.messages.stamps import duration_message
 from whereabouts_msgs.msg import ScanSegments, Segment
 
-Array = NDArray[np.float64]
 # Where x, y and yaw stand among x, y, z, roll, pitch, yaw.
 PLANAR = np.array([0, 1, 5])
 FREE = 1e6

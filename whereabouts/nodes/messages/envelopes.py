@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from estimation.errors import InputError
+from registration.laser.scan import FARTHEST
 from whereabouts.nodes.messages.message_types import message_class
 
 Check = Callable[[Any], None]
@@ -23,7 +24,7 @@ Check = Callable[[Any], None]
 PAYLOAD, TEXT, FRAME = 1 << 28, 4096, 256
 # Most elements of a list of numbers or strings, and of messages.
 NUMBERS, MESSAGES = 1_000_000, 20_000
-POSITION = 1e6
+POSITION = FARTHEST
 """m: a robot does not leave a square of 1,000 km to each side, and its numbers stay exact to a nanometre."""
 GENERIC = 1e12  # magnitude of a number of which nothing else is known
 VARIANCE = 1e15

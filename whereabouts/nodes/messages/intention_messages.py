@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
-from numpy.typing import NDArray
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
+from estimation.geometry.grid import OCCUPIED_SHARE
 from estimation.geometry.poses import pose_to_matrix
 from tracking.intentions import Prediction
 from tracking.intentions.observations import at_times
@@ -27,7 +28,6 @@ from whereabouts_msgs.msg import (
     TargetArray,
 )
 
-Array = NDArray[np.float64]
 # A ring of points around a path's point stands for a person in a costmap.
 RING = np.column_stack((np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)))
 
@@ -60,12 +60,12 @@ def people_from_message(
     return people, hidden
 
 
-def occupied_points(grid: OccupancyGrid, occupied_from: int) -> Array:
+def occupied_points(grid: OccupancyGrid) -> Array:
     """Centres (K, 2) m of the occupied cells, in the frame of the grid.
 
     Raises InputError: a resolution that is not above zero, or another number of cells than it says.
     """
-    row, column = np.nonzero(grid_values(grid) >= occupied_from)
+    row, column = np.nonzero(grid_values(grid) >= 100 * OCCUPIED_SHARE)
     local = np.column_stack((column + 0.5, row + 0.5)) * grid.info.resolution
     matrix = pose_to_matrix(pose_from_message(grid.info.origin))
     return np.asarray(local @ matrix[:2, :2].T + matrix[:2, 3])

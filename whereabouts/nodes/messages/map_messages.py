@@ -14,6 +14,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.geometry.poses import (
     compound,
     compound_covariance,
@@ -26,12 +27,11 @@ from loop_closure.motions import positions
 from loop_closure.slam.loop_closer import Closure
 from loop_closure.slam.trajectory import Slam
 from whereabouts.nodes.messages.conversions import array_of, fill_pose, spatial, spatial_covariance
-from whereabouts.nodes.messages.markers import colour, marker, point
+from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import frame_name
 from whereabouts_msgs.msg import LoopClosure
 
-Array = NDArray[np.float64]
 CDR_LENGTH = 4  # bytes of a number of items, of an encapsulation, and of either part of a stamp
 
 
@@ -116,9 +116,9 @@ def update_message(header: Header, offset: tuple[int, int], values: NDArray[np.i
 def marker_messages(header: Header, slam: Slam) -> MarkerArray:
     """The graph for RViz: the path as a line, closures as lines across it."""
     where = positions(slam.graph.poses)
-    path = marker(header, "path", Marker.LINE_STRIP, colour((0.1, 0.4, 0.9)), 0.05)
+    path = marker(header, "path", Marker.LINE_STRIP, colour(COLOURS[0]), 0.05)
     path.points = [point(at) for at in where]
-    closures = marker(header, "closures", Marker.LINE_LIST, colour((0.9, 0.2, 0.1)), 0.03)
+    closures = marker(header, "closures", Marker.LINE_LIST, colour(COLOURS[3]), 0.03)
     for closure in slam.closures:
         closures.points += [point(where[closure.earlier]), point(where[closure.later])]
     return MarkerArray(markers=[path, closures])

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
 from geometry_msgs.msg import Point, Vector3
-from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker
 
-Array = NDArray[np.float64]
+from estimation.checks import FloatArray as Array
+
 Rgb = tuple[float, float, float]
 COLOURS: tuple[Rgb, ...] = (
     (0.1, 0.5, 0.9), (0.9, 0.5, 0.1), (0.2, 0.7, 0.2), (0.8, 0.2, 0.3), (0.6, 0.3, 0.8), (0.5, 0.4, 0.3),

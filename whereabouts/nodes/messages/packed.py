@@ -88,5 +88,4 @@ class MessageOpener:
         return message
 
     def size(self, message: Any) -> int:
-        """Bytes, about."""
         return len(message.data) if self.packed else self.envelope.size(message)

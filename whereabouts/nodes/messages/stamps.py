@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Duration, Time
 
-from whereabouts.messages.decode import NANOSECONDS, nanoseconds, seconds
+from whereabouts.messages.decode import nanoseconds, seconds
+from whereabouts.system.clocks import NANOSECONDS
 
 __all__ = ["NANOSECONDS", "duration_message", "nanoseconds", "seconds", "time_message"]
 
 
 def time_message(total: int) -> Time:
-    """Nanoseconds as a message stamp."""
     return Time(sec=total // NANOSECONDS, nanosec=total % NANOSECONDS)
 
 
 def duration_message(seconds: float) -> Duration:
-    """Seconds as a message."""
     total = round(seconds * NANOSECONDS)
     return Duration(sec=total // NANOSECONDS, nanosec=total % NANOSECONDS)

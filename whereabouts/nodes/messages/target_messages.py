@@ -6,21 +6,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
-from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.checks import FloatArray as Array
 from tracking.people.people_tracker import Person
 from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point, vector
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts_msgs.msg import DiscreteDistribution, TargetArray
 from whereabouts_msgs.msg import Target as TargetMessage
 
-Array = NDArray[np.float64]
-
 
 def targets_message(header: Header, people: Sequence[Person], expected_count: float) -> TargetArray:
-    """Tracked people as targets."""
     return TargetArray(
         header=header, targets=[_target(person) for person in people], expected_count=float(expected_count)
     )

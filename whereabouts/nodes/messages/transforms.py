@@ -1,22 +1,23 @@
-"""tf without tf2_ros: a buffer of what was heard, checked, and messages to send."""
+"""tf without tf2_ros: a buffer of what was heard, checked, messages to send, and who says where a frame is."""
 
 from __future__ import annotations
 
 import math
 import time
+from collections import OrderedDict
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
-from numpy.typing import NDArray
+from tf2_msgs.msg import TFMessage
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import JUMP, FrameTree, NotYetError, TransformError, pose_matrix
 from whereabouts.nodes.messages.envelopes import FRAME, POSITION, envelope
 from whereabouts.nodes.messages.stamps import nanoseconds, time_message
 
-Matrix = NDArray[np.float64]
 Pairs = tuple[tuple[str, str], ...]  # (target, source)
 KEPT = 64
 FRAMES = 5000
@@ -33,7 +34,7 @@ class TransformBuffer:
         # Two parents of a frame, and when they were heard last, s.
         self._rivals: dict[str, tuple[frozenset[str], float]] = {}
         # What was looked up since the last transform came: whether a message can be handled, and then by its handler.
-        self._found: dict[tuple[str, str, int], Matrix] = {}
+        self._found: dict[tuple[str, str, int], Array] = {}
 
     def insert(self, message: TransformStamped, static: bool = False) -> None:
         """Add one transform of a tf or tf_static message.
@@ -81,7 +82,7 @@ class TransformBuffer:
             if now - heard < CONTRADICTED
         ]
 
-    def lookup(self, target: str, source: str, stamp: int) -> Matrix:
+    def lookup(self, target: str, source: str, stamp: int) -> Array:
         """Transform that takes coordinates in `source` to coordinates in `target` at `stamp`, (4, 4).
 
         Raises TransformError: a frame is unknown, the two are not connected, or the stamp is out of range.
@@ -122,7 +123,7 @@ class TransformBuffer:
                 return f"no transform from '{source}' to '{target}': {error}; {advice}"
         return "transform arrived too late"
 
-    def _compose(self, target: str, source: str, stamp: int) -> Matrix:
+    def _compose(self, target: str, source: str, stamp: int) -> Array:
         found = self._tree.lookup(target, source, stamp)
         if not np.abs(found[:3, 3]).max() <= POSITION:
             raise TransformError(f"'{source}' is farther than {POSITION:g} m from '{target}'", later=False)
@@ -155,7 +156,7 @@ def check_frame(what: str, frame: str, map_frame: str) -> None:
         raise InputError(f"{what} is in frame '{frame}', expected '{map_frame}' (map_frame)")
 
 
-def pose_of(t: Any, r: Any) -> Matrix:
+def pose_of(t: Any, r: Any) -> Array:
     """Position and quaternion (x, y, z, w) of a message's position and orientation, checked, (7,)."""
     pose = [t.x, t.y, t.z, r.x, r.y, r.z, r.w]
     length = math.hypot(*pose[3:])
@@ -175,3 +176,55 @@ def transform_message(parent: str, child: str, stamp: int, pose: Iterable[float]
     translation.x, translation.y, translation.z = x, y, z
     rotation.x, rotation.y, rotation.z, rotation.w = qx, qy, qz, qw
     return message
+
+
+# Of a node's own transforms, to know them when they come back.
+REMEMBERED = 500
+# Foreign transforms from which on somebody else is sure to publish them: one may be left over from before a restart.
+SURE = 3
+
+
+class FrameOwner:
+    """Decides whether a node may publish `parent` -> `child`.
+
+    withheld : why it may not, as a sentence; empty while it may.
+    """
+
+    def __init__(self, parent: str, child: str) -> None:
+        self._parent, self._child = frame_name(parent), frame_name(child)
+        self._own: OrderedDict[int, None] = OrderedDict()
+        self._foreign = 0
+        self.withheld = ""
+
+    def hear(self, message: TFMessage) -> None:
+        """Look at what comes on tf, for the same transform by somebody else."""
+        for item in message.transforms:
+            if frame_name(item.child_frame_id) != self._child:
+                continue
+            same = frame_name(item.header.frame_id) == self._parent
+            if same and nanoseconds(item.header.stamp) not in self._own:
+                self._foreign += 1
+
+    def takes(self, stamp: int, transforms: TransformBuffer) -> bool:
+        """Whether the node may publish its transform of `stamp`, ns; it is taken to do so then."""
+        link = f"'{self._parent}' -> '{self._child}'"
+        parent = transforms.parent(self._child)
+        if parent not in (None, self._parent):
+            chain = [parent]
+            while (above := transforms.parent(chain[-1])) and above not in (self._parent, *chain):
+                chain.append(above)
+            self.withheld = (
+                f"the transform {link} is withheld: '{self._child}' has the parent '{parent}' already. Set base_frame: "
+                f"{chain[-1]} for all nodes, or publish_tf: false for this one"
+            )
+        elif self._foreign >= SURE:
+            self.withheld = (
+                f"the transform {link} is withheld: somebody else publishes it. Set publish_tf: false, or switch "
+                "it off there"
+            )
+        if self.withheld:
+            return False
+        self._own[stamp] = None
+        while len(self._own) > REMEMBERED:
+            self._own.popitem(last=False)
+        return True

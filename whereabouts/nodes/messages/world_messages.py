@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovariance, Vector3
-from numpy.typing import NDArray
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesis, ObjectHypothesisWithPose
 from visualization_msgs.msg import Marker, MarkerArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.places import Place
 from estimation.geometry.rotations import rotation_from_quaternion
 from whereabouts.nodes.messages.conversions import FREE
-from whereabouts.nodes.messages.markers import Rgb, colour, marker, point, vector
+from whereabouts.nodes.messages.markers import COLOURS, colour, marker, point, vector
 from whereabouts.nodes.messages.stamps import NANOSECONDS, seconds, time_message
 from whereabouts.nodes.messages.world_reading import attribute_messages, box_region, distribution_message
 from whereabouts_msgs.msg import Region, WorldHypotheses
@@ -27,10 +27,6 @@ from world_model import WorldObject, WorldState
 from world_model.anchoring.attributes import extent
 from world_model.queries import Words
 
-Array = NDArray[np.float64]
-PALETTE: tuple[Rgb, ...] = (
-    (0.9, 0.3, 0.2), (0.2, 0.6, 0.9), (0.3, 0.7, 0.3), (0.9, 0.7, 0.1), (0.6, 0.3, 0.8), (0.4, 0.4, 0.4),
-)  # fmt: skip
 IDENTITY = np.eye(4)
 ABOVE = np.array([0.0, 0.0, 0.25])
 
@@ -52,7 +48,6 @@ class ObjectMessages:
         return made
 
     def keep(self, objects: Iterable[WorldObject]) -> None:
-        """Forget the messages of all other objects."""
         wanted = {id(item) for item in objects}
         self._made = {number: made for number, made in self._made.items() if number in wanted}
 
@@ -80,7 +75,8 @@ def object_message(item: WorldObject, transform: Array) -> ObjectMessage:
         message.size = Vector3(x=width, y=width, z=height)
     message.velocity.twist.linear = vector(transform[:3, :3] @ item.velocity)
     if item.lost and item.region is not None:
-        message.region = box_message(item.region)
+        low, high = np.array(item.region, dtype=np.float64).T
+        message.region = box_region(0.5 * (low + high), high - low)
     return message
 
 
@@ -93,12 +89,6 @@ def pose_message(item: WorldObject, transform: Array) -> PoseWithCovariance:
     covariance[:3, :3] = turn @ item.covariance @ turn.T
     message.covariance = covariance.reshape(36)
     return message
-
-
-def box_message(box: Sequence[Sequence[float]]) -> Region:
-    """A box ((x0, x1), (y0, y1), (z0, z1)) as a message."""
-    low, high = np.array(box, dtype=np.float64).T
-    return box_region(0.5 * (low + high), high - low)
 
 
 def state_message(state: WorldState, header: Header, objects: Sequence[ObjectMessage]) -> StateMessage:
@@ -149,7 +139,7 @@ def marker_messages(header: Header, objects: Sequence[WorldObject], words: Words
     stamp = seconds(header.stamp)
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for index, item in enumerate(objects):
-        rgb = PALETTE[sum(map(ord, item.most_probable("class"))) % len(PALETTE)]
+        rgb = COLOURS[sum(map(ord, item.most_probable("class"))) % len(COLOURS)]
         white = colour((1.0, 1.0, 1.0), float(item.existence))
         label = marker(header, "symbols", Marker.TEXT_VIEW_FACING, white, 0.12, index)
         label.text = words.sentence(item, stamp)

@@ -10,6 +10,7 @@ from nav_msgs.msg import OccupancyGrid as GridMessage
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from estimation.geometry.grid import OccupancyGrid
@@ -30,8 +31,6 @@ from whereabouts_msgs.msg import (
 from whereabouts_msgs.msg import WorldState as StateMessage
 from world_model import WorldState
 from world_model.predictions import Path
-
-Array = NDArray[np.float64]
 
 
 class LatestState:
@@ -54,11 +53,9 @@ class LatestState:
         self._state: WorldState | None = None
 
     def take(self, message: Packed) -> None:
-        """Keep a message instead of the one before."""
         self._news = message
 
     def forget(self) -> None:
-        """Begin anew."""
         self._news = self._state = None
 
     @property

@@ -1,4 +1,4 @@
-"""Searches that `world_maintenance` has made for what is lost: one at a time, and only while nobody else has the base.
+"""Who moves the base, and the searches that `world_maintenance` has made for what is lost while nobody else does.
 
 Who has the base: a person's request before a search for what is lost, and that before maintenance. Who has to wait
 says so. `object_search` knows the errands of maintenance by the ids of their goals, and ends one for whatever a person
@@ -8,15 +8,16 @@ wants.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from std_msgs.msg import Bool
 
 from whereabouts.nodes.messages.stamps import duration_message
+from whereabouts.nodes.ros.base import SuiteNode
+from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.nodes.ros.turns import MARK, mark_of
 from whereabouts_msgs.action import FindObject
 from world_model import WorldState
-
-if TYPE_CHECKING:
-    from whereabouts.nodes.ros.base import SuiteNode
 
 SENDER = "world_maintenance"
 LONGEST = 120.0
@@ -46,7 +47,6 @@ class Errands:
         self.forget()
 
     def forget(self) -> None:
-        """A new run begins."""
         self._waiting: dict[str, str] = {}
         self._searching = ""
         self._not_before = -float("inf")
@@ -106,3 +106,43 @@ class Errands:
         # Refused as the node is not active, or ended by somebody who goes first: once more, when the base is free.
         if answer is not None and answer.result.code != FindObject.Result.CANCELED:
             self._waiting.pop(object_id, None)
+
+
+class BaseClaim:
+    """The node's word on `base_available`. What others said before holds again when it gives the base back.
+
+    taken_by_others : whether somebody else than this node has said last that the base is not to be moved.
+    """
+
+    def __init__(self, node: SuiteNode) -> None:
+        self._output = node.add_output(Bool, "base_available", LATCHED)
+        node.add_latched_input(Bool, "base_available", self._take)
+        self._own: list[bool] = []  # what this node has said and not heard yet
+        self._held = False
+        self.taken_by_others = False
+
+    def take(self) -> None:
+        """The base is moved by this node from now on."""
+        self._held = True
+        self._say(False)
+
+    def give_back(self) -> None:
+        """This node moves it no longer."""
+        self._held = False
+        self._say(not self.taken_by_others)
+
+    def _say(self, available: bool) -> None:
+        before = self._output.count
+        self._output.publish(Bool(data=available))
+        if self._output.count > before:  # else the node is inactive, and nobody hears it
+            self._own.append(available)
+
+    def _take(self, message: Bool, _stamp: int) -> None:
+        available = bool(message.data)
+        # It hears itself, too. Whose of two equal words is heard first makes no difference.
+        if self._own and self._own[0] == available:
+            self._own.pop(0)
+            return
+        self.taken_by_others = not available
+        if self._held and available:
+            self._say(False)

@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
-from numpy.typing import NDArray
 from rclpy.action.client import ActionClient
 from rclpy.node import Node
 from rclpy.task import Future
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 
-Array = NDArray[np.float64]
 # A goal that the robot has not come NEARER to, m, for PATIENCE s is not reached; goals closer than SAME m are one.
 NEARER, PATIENCE, SAME = 0.1, 20.0, 0.5
 AGAIN = 1  # times that a goal which nav2 could not reach is sent once more
@@ -33,7 +32,6 @@ class Approach:
         self.forget()
 
     def forget(self) -> None:
-        """The next goal is a new one."""
         self._goal: Array | None = None
         self._nearest, self._since = math.inf, 0.0
 
@@ -81,12 +79,10 @@ class Navigator:
 
     @property
     def ready(self) -> bool:
-        """Whether nav2 is there."""
         return self._client is not None and bool(self._client.server_is_ready())
 
     @property
     def figures(self) -> dict[str, object]:
-        """What a node says of it in its diagnostics."""
         if self._client is None:
             return {}
         told: dict[str, object] = {"nav2 recoveries": self.recoveries}
@@ -116,14 +112,12 @@ class Navigator:
             self._send(self._drive)
 
     def stop(self) -> None:
-        """Nobody wants the robot there any more."""
         self._begin()
         drive, self._drive = self._drive, None
         if drive is not None and drive.handle is not None:
             drive.handle.cancel_goal_async()
 
     def close(self) -> None:
-        """Before the node goes on without it."""
         self.stop()
         if self._client is not None:
             self._client.destroy()

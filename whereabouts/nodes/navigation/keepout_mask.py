@@ -1,7 +1,4 @@
-"""Where people will be as a mask for nav2's costmap filters: KeepoutFilter takes it as it is.
-
-Out: `people_mask` (OccupancyGrid) and `people_filter_info` (CostmapFilterInfo), both latched.
-"""
+"""Where people will be as a mask for nav2's costmap filters: KeepoutFilter takes it as it is."""
 
 from __future__ import annotations
 
@@ -14,6 +11,7 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.poses import pose_to_matrix
 from tracking.intentions import Prediction
@@ -22,7 +20,6 @@ from whereabouts.nodes.messages.intention_messages import PathMarkers
 from whereabouts.nodes.ros.base import SuiteNode
 from whereabouts.nodes.ros.qos import LATCHED
 
-Array = NDArray[np.float64]
 KEEPOUT = 0  # CostmapFilterInfo.type; base and multiplier have to be 0 and 1 with it
 # Unknown: the filter leaves the costmap as it is. With 0 it would make free what is unknown there.
 NOBODY = -1
@@ -42,18 +39,14 @@ class PeopleMask:
             raise InputError(f"publish_mask: nav2_msgs is not installed ({error})") from error
         self._info_output = node.add_output(self._kind, "people_filter_info", LATCHED)
         self._mask_output = node.add_output(OccupancyGrid, "people_mask", LATCHED)
-        self._map: MapMetaData | None = None
+        # The filter takes the mask's cells for the costmap's where it marks what has changed: they have to agree.
+        self.map: MapMetaData | None = None
         self._sent: tuple[Any, ...] = ()
         self.forget()
 
     def forget(self) -> None:
-        """Nobody is known to be there."""
         self._people: Mapping[int, Prediction] = {}
         self._stamp, self._silent = 0.0, 0
-
-    def take_map(self, info: MapMetaData) -> None:
-        """The filter takes the mask's cells for the costmap's where it marks what has changed: they have to agree."""
-        self._map = info
 
     def hear(self, people: Mapping[int, Prediction], stamp: float) -> None:
         """Predictions made at a stamp, s."""
@@ -64,7 +57,7 @@ class PeopleMask:
         self._silent += 1
         if self._silent > PATIENCE:
             self._people = {}
-        info = self._map
+        info = self.map
         if info is None:
             return
         values = mask_values(self._people, self._stamp, info, ways, radius)

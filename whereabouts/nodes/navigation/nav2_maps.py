@@ -1,7 +1,4 @@
-"""The map by the names of nav2's map_saver, map_server and amcl, for what calls these; two of them need nav2_msgs.
-
-Services: `map_saver/save_map`, `map_server/load_map`, `map_server/map`, `reinitialize_global_localization`.
-"""
+"""The map by the names of nav2's map_saver, map_server and amcl, for what calls these; two of them need nav2_msgs."""
 
 from __future__ import annotations
 

@@ -90,7 +90,6 @@ class SuiteNode(LifecycleNode):
 
     @property
     def settings(self) -> Any:
-        """The current parameters."""
         return self._parameter_set.values
 
     @property

@@ -20,7 +20,6 @@ class Bonding:
         self._bond: Any = None
 
     def form(self) -> None:
-        """Begin, or begin anew."""
         self.end()
         if self._node.settings.autostart or self._node.replayed:
             return

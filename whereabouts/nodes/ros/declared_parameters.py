@@ -12,9 +12,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from estimation.errors import InputError
-from whereabouts.parameters.description import allowed, bounds, explain, extra
-from whereabouts.parameters.parameter_base import NodeParameters
-from whereabouts.parameters.registry import is_parameter_of_any
+from whereabouts.parameters.parameter_base import (
+    NodeParameters,
+    allowed,
+    bounds,
+    explain,
+    extra,
+    is_parameter_of_any,
+)
 
 Model = TypeVar("Model", bound=NodeParameters)
 # Read once, before the node is configured for the first time.

@@ -46,7 +46,6 @@ class Complaints:
         self._silent_until: dict[Any, float] = {}
 
     def alarm(self, text: str) -> None:
-        """Warn each time."""
         self.count += 1
         self.last = text
         self._logger.warning(text)

@@ -15,6 +15,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from whereabouts.nodes.messages.stamps import NANOSECONDS
+from whereabouts.nodes.ros.qos import BURST
 from whereabouts.system.interrupts import raise_if_interrupt
 
 Take = Callable[[Any], Any]
@@ -24,8 +25,6 @@ FOREVER = -1
 EVENT_PERIOD = 1.0
 # Wait sets kept, by size: with and without events, and while something is being created or destroyed.
 KEPT = 4
-# Messages of a resting subscription that are taken before the node goes on with what woke it.
-AT_ONCE = 200
 # What a wait set has room for, in this order.
 ENTITIES = ("subscription", "guard_condition", "timer", "client", "service", "event")
 NEEDED = (
@@ -126,7 +125,8 @@ class NodeExecutor(SingleThreadedExecutor):
         """Take in what lies about in subscriptions that rest."""
         own = getattr(node, "own", ())
         for subscription in getattr(node, "resting", ()):
-            for _ in range(0 if subscription in own else AT_ONCE):
+            # As many as a queue holds.
+            for _ in range(0 if subscription in own else BURST):
                 if not self._call(node, self._take_subscription, subscription):
                     break
 
@@ -235,6 +235,5 @@ def private_node(name: str, namespace: str = "") -> tuple[Node, NodeExecutor]:
 
 
 def leave(node: Node) -> None:
-    """End the node and its context."""
     node.destroy_node()
     node.context.try_shutdown()

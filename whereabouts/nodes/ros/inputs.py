@@ -21,17 +21,15 @@ from whereabouts.nodes.messages.envelopes import type_name
 from whereabouts.nodes.messages.packed import MessageOpener
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
 from whereabouts.nodes.messages.transforms import Pairs
-from whereabouts.nodes.ros.budget import BUDGETS, DEFAULT, Purse
-from whereabouts.nodes.ros.input_counts import InputCounts, MessageGaps
+from whereabouts.nodes.ros.input_counts import BUDGETS, DEFAULT, InputCounts, MessageGaps, Purse
 from whereabouts.nodes.ros.qos import sensor_qos
-from whereabouts.system.clocks import SourceClock
+from whereabouts.system.clocks import MOST_HELD, SourceClock
 from whereabouts.system.counting import counted
 from whereabouts_msgs.msg import Processed
 
 if TYPE_CHECKING:
     from whereabouts.nodes.ros.base import SuiteNode
 
-WAITING_LIMIT = 64
 LATENCY_WINDOW = 2000
 # A reason for dropping the first messages that is no trouble: tf was still to begin. More of them are told of.
 EARLY, EARLY_ONES = "before the first transform", 5
@@ -218,7 +216,7 @@ class Input:
         if not in_line and self._complete(waiting):
             self._handle(waiting)
         else:
-            if len(self._waiting) >= WAITING_LIMIT:
+            if len(self._waiting) >= MOST_HELD:
                 self._make_room()
             bisect.insort(self._waiting, waiting, key=lambda item: item.stamp)
         self.serve_waiting(reported=True)
@@ -231,7 +229,7 @@ class Input:
         """Give up the oldest message of those that wait for what most of them wait for."""
         ((needed, _),) = Counter(item.needed for item in self._waiting).most_common(1)
         self._waiting.remove(next(item for item in self._waiting if item.needed == needed))
-        self.drop("waiting queue full", f"more than {WAITING_LIMIT} messages wait for transforms")
+        self.drop("waiting queue full", f"more than {MOST_HELD} messages wait for transforms")
 
     def _complete(self, waiting: Waiting, over: bool = False) -> bool:
         """Whether all is there that belongs to a message; over : companions are not waited for any more."""
@@ -263,7 +261,6 @@ class Input:
 
     @property
     def waiting(self) -> int:
-        """How many messages wait for their transforms."""
         return len(self._waiting)
 
     def serve_waiting(self, reported: bool = False, give_up: bool = False) -> None:
@@ -305,7 +302,6 @@ class Input:
         self._node.complain(f"{self.topic}: {reason}: {detail}", key=(self.topic, reason), defect=defect)
 
     def new_run(self) -> None:
-        """Forget what belongs to the run before."""
         if self._waiting:
             self.counts.drops["run ended while waiting"] += len(self._waiting)
             self._waiting.clear()
@@ -336,7 +332,6 @@ class Input:
             self.acknowledge(stamp)
 
     def acknowledge(self, stamp: int) -> None:
-        """Say that what came last is done with."""
         self._told_lost = self.counts.missing
         message = Processed(
             stamp=time_message(stamp),

@@ -26,7 +26,6 @@ class Output:
 
     @property
     def subscribers(self) -> int:
-        """How many listeners it has found."""
         return int(self._publisher.get_subscription_count())
 
     @property
@@ -35,7 +34,6 @@ class Output:
         return self.subscribers > 0
 
     def publish(self, message: Any) -> None:
-        """Send, unless the node is inactive."""
         if self._publisher.is_activated:
             self.count += 1
             self._publisher.publish(message)

@@ -9,9 +9,9 @@ def reliable(depth: int, latched: bool) -> QoSProfile:
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
 
 
-def best_effort(depth: int) -> QoSProfile:
+def best_effort() -> QoSProfile:
     """Hears everybody, also those who publish reliably."""
-    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+    return QoSProfile(depth=LOOKED_AT, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 LATCHED = reliable(1, latched=True)
@@ -20,6 +20,8 @@ HEARD_LATCHED = reliable(10, latched=True)
 TF_QOS = QoSProfile(depth=100)
 TF_STATIC_QOS = reliable(100, latched=True)
 BURST = 200
+# Messages that wait for whoever only looks on.
+LOOKED_AT = 50
 # What is said once and must not get lost: a verdict, a change of who is there.
 EVENTS = QoSProfile(depth=BURST)
 

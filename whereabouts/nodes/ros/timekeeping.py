@@ -84,7 +84,6 @@ class Timekeeper:
                 tick.callback()
 
     def stop(self) -> None:
-        """Nobody is to be called any more."""
         self._ticks.clear()
         self.begin()
 
@@ -125,7 +124,6 @@ class Timekeeper:
 
     @property
     def _simulated(self) -> bool:
-        """Whether the node's clock follows /clock."""
         return bool(cast(ROSClock, self._node.get_clock()).ros_time_is_active)
 
     def _ros_time(self) -> int:

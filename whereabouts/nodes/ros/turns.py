@@ -103,7 +103,6 @@ class Turns:
         self.clear()
 
     def clear(self) -> None:
-        """The node is to be configured anew."""
         self.on = False
         self.received: dict[str, int] = {}
         self.sent: dict[str, int] = {}
@@ -119,7 +118,6 @@ class Turns:
         self._busy = False
 
     def listen(self) -> None:
-        """Hear of the node's turns."""
         topic = turn_topic(self._node.get_fully_qualified_name())
         self._input = self._node.add_input(
             Connections, topic, self.take, sensor=False, qos=QoSProfile(depth=10)
@@ -233,7 +231,6 @@ class Turns:
     # Actions.
 
     def serves(self, action: str) -> None:
-        """The node offers an action."""
         self.received[goals_name(action)] = 0
 
     async def begin(self, action: str) -> None:
@@ -245,7 +242,6 @@ class Turns:
         await begun
 
     def ended(self, action: str, handle: Any) -> None:
-        """A goal's result goes out."""
         if not self._node.replayed:
             return
         name = results_name(action, bytes(handle.goal_id.uuid)[:MARK])
@@ -259,7 +255,6 @@ class Turns:
             work()
 
     def calls(self, name: str, listeners: Callable[[], int]) -> None:
-        """The node sends goals under a name."""
         self.sent[name], self._listeners[name] = 0, listeners
 
     def _come(self, name: str, rank: int, work: Callable[[], None]) -> None:
@@ -282,7 +277,6 @@ class Caller:
 
     @property
     def ready(self) -> bool:
-        """Whether anybody offers the action."""
         return bool(self.client.server_is_ready())
 
     def send(self, goal: Any, ended: Callable[[Any], None]) -> None:

@@ -91,7 +91,6 @@ class LifecycleClient:
 
 
 def _step_from(state: int) -> Any:
-    """The request for the step that follows `state`."""
     request = ChangeState.Request()
     request.transition.id = STEPS[state][0]
     return request

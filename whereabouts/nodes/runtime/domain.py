@@ -28,7 +28,6 @@ def free_domain() -> int:
 
 
 def release_domain(domain: int) -> None:
-    """Let others have it."""
     if domain in _held:
         _held.pop(domain).close()
 

@@ -29,7 +29,6 @@ class Flow:
         self._ahead: dict[str, Counter[str]] = defaultdict(Counter)
 
     def send(self, topic: str, count: int = 1) -> None:
-        """So many messages more have been sent."""
         self._total[topic] += count
         for node in self._listeners(topic):
             self._came[node][topic] += count
@@ -57,11 +56,9 @@ class Flow:
         return self._published[topic]
 
     def total(self, topic: str) -> int:
-        """Messages of a topic that anybody has sent."""
         return self._total[topic]
 
     def received(self, node: str) -> Counter[str]:
-        """Messages that a node has taken in, by topic."""
         return self._received[node]
 
     def begin(self, node: str) -> None:
@@ -85,7 +82,6 @@ class Flow:
         return asked
 
     def taken(self, node: str) -> None:
-        """A node has ended its turn."""
         self.note(node, self._asked.get(node, {}), {})
 
     def behind(self, node: str) -> bool:

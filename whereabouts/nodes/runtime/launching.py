@@ -61,7 +61,6 @@ def description(*nodes: str, nav2: bool = False) -> LaunchDescription:
 
 
 def _entities(context: Any, names: tuple[str, ...], arguments: tuple[str, ...]) -> list[Any]:
-    """What the arguments ask for."""
     given = {name: LaunchConfiguration(name).perform(context) for name in arguments}
     check(given)
     share = Path(get_package_share_directory("whereabouts"))
@@ -79,7 +78,6 @@ def _entities(context: Any, names: tuple[str, ...], arguments: tuple[str, ...]) 
 
 
 def _sim_time(given: dict[str, str]) -> bool:
-    """Whether /clock is followed."""
     choice = given["use_sim_time"].strip().lower()
     return bool(given["bag"]) if choice == "auto" else is_true(choice)
 

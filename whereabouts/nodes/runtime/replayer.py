@@ -16,15 +16,14 @@ from rosgraph_msgs.msg import Clock
 from whereabouts.logs import RawMessage, Topic, open_raw
 from whereabouts.nodes.messages.message_types import UnknownTypeError, message_class
 from whereabouts.nodes.messages.stamps import NANOSECONDS, time_message
-from whereabouts.nodes.ros.qos import reliable
+from whereabouts.nodes.ros.qos import BURST, reliable
+from whereabouts.nodes.ros.timekeeping import SILENCE
 from whereabouts.nodes.ros.turns import turn_topic
 from whereabouts.nodes.runtime.audience import Audience
 from whereabouts.nodes.runtime.flow import Flow
 from whereabouts.nodes.runtime.turn_giver import TurnGiver, rank
 from whereabouts_msgs.msg import Processed
 
-DEPTH = 200
-PATIENCE = 30.0
 # s after which a turn is given again that nobody has answered: the node was not yet found.
 AGAIN = 0.5
 # s between two looks whether those that are waited for still run.
@@ -94,6 +93,7 @@ class Replayer:
     namespace : put before the recorded topic names that have it not.
     is_running : whether a watched node's process is alive, so that nobody waits for a dead one.
     clock_period : s of the bag between two messages on /clock, at least; each wakes every node up.
+    flow, audience : what was sent to and by the watched nodes, and who listens to what.
     """
 
     def __init__(
@@ -119,14 +119,14 @@ class Replayer:
         self._publishers: dict[str, Any] = {}
         self._latched: set[str] = set()
         self._answers: dict[tuple[str, str], Processed] = {}
-        self._audience = Audience(node, self.watched, self._take_counts)
-        self._flow = Flow(self._audience.listeners)
+        self.audience = Audience(node, self.watched, self._take_counts)
+        self.flow = Flow(self.audience.listeners)
         self.account = ReplayAccount()
         self.now = 0
         self._clock = node.create_publisher(Clock, "/clock", 10)
         self._clock_sent = 0
         self._clock_period = round(clock_period * NANOSECONDS)
-        self._turns = TurnGiver(node, self.watched if rate is None else (), self._flow, self._audience.lazy)
+        self._turns = TurnGiver(node, self.watched if rate is None else (), self.flow, self.audience.lazy)
         # Whether somebody else has sent something that the nodes have to be done with. Called after each message.
         self._noted = False
         self.on_settled: Callable[[], None] = lambda: None
@@ -136,23 +136,21 @@ class Replayer:
 
     @property
     def progress(self) -> float:
-        """Share of the bag that has been sent."""
         return self._log.progress
 
     def close(self) -> None:
-        """Release the bag and all publishers."""
         self._log.close()
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._node.destroy_publisher(self._clock)
-        self._audience.close()
+        self.audience.close()
         self._turns.close(self._node.destroy_publisher)
 
     def _listen(self, watched: str) -> Any:
         def keep(message: Processed, info: dict[str, Any]) -> None:
-            if self._audience.is_of_the_dead(watched, info):
+            if self.audience.is_of_the_dead(watched, info):
                 return
             self._answers[watched, message.topic] = message
             published = dict(zip(message.output_topics, message.output_counts, strict=True))
@@ -163,15 +161,14 @@ class Replayer:
             Processed,
             f"{watched}/processed",
             keep,  # type: ignore[arg-type]  # rclpy also passes the message info where it is taken
-            DEPTH,
+            BURST,
         )
 
     def _take_counts(self, watched: str, received: Mapping[str, int], published: Mapping[str, int]) -> None:
         self._turns.note(watched, published)
-        self._flow.note(watched, received, published)
+        self.flow.note(watched, received, published)
 
     def _name(self, recorded: str) -> str:
-        """Full name of a topic of the bag."""
         name = f"/{recorded.lstrip('/')}"
         return name if name.startswith(f"{self._namespace}/") else f"{self._namespace}{name}"
 
@@ -189,7 +186,7 @@ class Replayer:
             self.account.skipped[topic.name] = str(error)
             return
         self._publishers[topic.name] = self._node.create_publisher(
-            kind, self._name(topic.name), reliable(DEPTH, latched)
+            kind, self._name(topic.name), reliable(BURST, latched)
         )
         if latched:
             self._latched.add(self._name(topic.name))
@@ -216,8 +213,8 @@ class Replayer:
         self.account.bag_seconds = (self.now - (first or 0)) / NANOSECONDS
         self.account.wall_seconds = time.monotonic() - started
         self.account.count(self._answers)
-        self.account.processed.update({name: self._flow.received(name).total() for name in self.watched})
-        self.account.deaf = self._audience.deaf(self._flow.total)
+        self.account.processed.update({name: self.flow.received(name).total() for name in self.watched})
+        self.account.deaf = self.audience.deaf(self.flow.total)
         return self.account
 
     def _moments(self) -> Iterator[list[RawMessage]]:
@@ -242,7 +239,7 @@ class Replayer:
         ranks = {
             min(map(rank, nodes))
             for name in (*names, message.name)
-            if (nodes := self._audience.listeners(self._name(name)))
+            if (nodes := self.audience.listeners(self._name(name)))
         }
         return message.log_time == moment[0].log_time and message.name not in names and len(ranks) < 2
 
@@ -258,12 +255,12 @@ class Replayer:
             self._clock.publish(Clock(clock=time_message(message.log_time)))
             self._clock_sent = message.log_time
         self._publishers[message.name].publish(bytes(message.data))
-        self._flow.send(self._name(message.name))
+        self.flow.send(self._name(message.name))
         self.account.published[message.name] += 1
 
     def note(self, name: str) -> None:
         """Somebody else is about to send a message or a goal (by its name) that the nodes have to be done with."""
-        self._flow.send(name)
+        self.flow.send(name)
         self._noted = True
 
     def _give_turns(self, last: bool = False) -> None:
@@ -277,8 +274,8 @@ class Replayer:
     def begin_turns(self) -> None:
         """Tell all nodes that there are turns, and wait until they know and have taken in all they have so far."""
         self.nodes_changed()
-        takers = {name for name in self.watched if turn_topic(name) in self._audience.inputs.get(name, ())}
-        deadline, again = time.monotonic() + PATIENCE, 0.0
+        takers = {name for name in self.watched if turn_topic(name) in self.audience.inputs.get(name, ())}
+        deadline, again = time.monotonic() + SILENCE, 0.0
         waiting = takers if self._rate is None else set()
         while waiting and time.monotonic() < deadline:
             if time.monotonic() >= again:
@@ -289,9 +286,8 @@ class Replayer:
             waiting &= self._turns.busy
 
     def _wait_while(self, waiting: Set[str]) -> None:
-        """Until nobody is waited for any more."""
         now = time.monotonic()
-        deadline, care = now + PATIENCE, now + CARE_PERIOD
+        deadline, care = now + SILENCE, now + CARE_PERIOD
         while waiting and now < deadline:
             self._executor.spin_once(timeout_sec=CARE_PERIOD)
             now = time.monotonic()
@@ -304,14 +300,6 @@ class Replayer:
         for name in tuple(waiting):
             self._turns.give_up(name)
 
-    def sent_by_nodes(self, topic: str) -> int:
-        """Messages that the watched nodes have reported to have published on a topic."""
-        return self._flow.published(topic)
-
-    def sent_by_all(self, topic: str) -> int:
-        """The same with those of the bag."""
-        return self._flow.total(topic)
-
     def unconnected(self, recorded: Collection[str] = ()) -> list[str]:
         """What has yet to be found before nothing can get lost, as sentences; empty once all is connected.
 
@@ -320,33 +308,29 @@ class Replayer:
 
         recorded : topics that the caller listens to.
         """
-        latched = {topic for topic in self._latched if self._flow.total(topic) > self._flow.published(topic)}
+        latched = {topic for topic in self._latched if self.flow.total(topic) > self.flow.published(topic)}
         played = {self._name(topic) for topic in self._publishers}
-        return self._audience.unconnected(recorded, played, latched)
+        return self.audience.unconnected(recorded, played, latched)
 
     def bury(self, node: str) -> None:
         """A watched node died: the graph shows its inputs for a while yet, as if they were those of its successor."""
-        self._audience.bury(node)
+        self.audience.bury(node)
         self._turns.died(node)
-        self._flow.died(node)
-
-    def silent_since(self, moment: int) -> list[str]:
-        """Watched nodes that have not said since a moment (ns of the system's clock) how much went through them."""
-        return self._audience.silent_since(moment)
+        self.flow.died(node)
 
     def nodes_changed(self) -> None:
         """A watched node came or went: count from here."""
         for name in self.watched:
-            self._flow.begin(name)
+            self.flow.begin(name)
 
     def _settle(self) -> None:
         """Let the nodes finish: until all answers are in, or no more come."""
         if self._rate is None:
             self._give_turns(last=True)
             return
-        deadline, before = time.monotonic() + PATIENCE, 0
-        while time.monotonic() < deadline and any(map(self._flow.behind, self.watched)):
+        deadline, before = time.monotonic() + SILENCE, 0
+        while time.monotonic() < deadline and any(map(self.flow.behind, self.watched)):
             self._executor.spin_once(timeout_sec=0.2)
-            received = sum(self._flow.received(name).total() for name in self.watched)
+            received = sum(self.flow.received(name).total() for name in self.watched)
             if received > before:
-                deadline, before = time.monotonic() + PATIENCE, received
+                deadline, before = time.monotonic() + SILENCE, received

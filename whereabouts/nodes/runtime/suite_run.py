@@ -1,31 +1,33 @@
-"""A bag through a set of nodes: start them, replay, record, end them."""
+"""A bag through a set of nodes: start them, replay, record as bytes what was sent, end them."""
 
 from __future__ import annotations
 
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from lifecycle_msgs.msg import State
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 
-from whereabouts.logs import McapWriter, RawMessage
+from whereabouts.logs import McapWriter, RawMessage, Topic
+from whereabouts.nodes.messages.message_types import definition, message_class
 from whereabouts.nodes.ros.executor import leave, private_node
 from whereabouts.nodes.ros.footprint import PROFILES
 from whereabouts.nodes.ros.host import Host
-from whereabouts.nodes.runtime.bring_up import LifecycleClient
+from whereabouts.nodes.ros.qos import reliable
+from whereabouts.nodes.ros.timekeeping import SILENCE
+from whereabouts.nodes.runtime.bring_up import COMPILING, LifecycleClient
 from whereabouts.nodes.runtime.domain import free_domain
-from whereabouts.nodes.runtime.recorder import Recorder
-from whereabouts.nodes.runtime.replayer import PATIENCE, MessageLog, ReplayAccount, Replayer
+from whereabouts.nodes.runtime.replayer import MessageLog, ReplayAccount, Replayer
 from whereabouts.nodes.runtime.supervisor import NodeSpec, SuiteError, Supervisor
 from whereabouts.system.resources import config_file
 
-# The very first start on a machine compiles; a node that dies meanwhile is noticed at once.
-START_TIMEOUT = 1800.0
 # Nodes find each other within moments; a mismatch of reliability or durability is the usual reason why they do not.
 CONNECT_TIMEOUT = 60.0
 QUIET = 0.5
@@ -33,6 +35,48 @@ QUIET = 0.5
 RECORDER_PATIENCE = 2.0
 # What a node is told when a bag is replayed to it: nothing may be lost, and everything is accounted for.
 REPLAY_PARAMETERS = {"input_reliability": "reliable", "report_processed": True, "use_sim_time": True}
+
+
+DEPTH = 1000
+
+
+class Recorder:
+    """Writes what arrives on some topics to an `McapWriter`.
+
+    Log time is the time of arrival by the clock of `now`, which a replay sets to message time.
+    """
+
+    def __init__(self, node: Node, writer: McapWriter, topics: Iterable[tuple[str, str]]) -> None:
+        self._writer = writer
+        self.now = time.time_ns
+        self.counts: Counter[str] = Counter()
+        # When each node's diagnostics came last, s of the monotonic clock.
+        self.told: dict[str, float] = {}
+        self.last_arrival = time.monotonic()
+        self._subscriptions = [self._subscribe(node, name, type_name) for name, type_name in topics]
+
+    @property
+    def topics(self) -> list[str]:
+        """Full names of what is recorded."""
+        return [subscription.topic_name for subscription in self._subscriptions]
+
+    def _subscribe(self, node: Node, name: str, type_name: str) -> Any:
+        topic = Topic(node.resolve_topic_name(name), type_name, definition(type_name))
+        kind = message_class(type_name)
+
+        def keep(data: bytes) -> None:
+            self.counts[topic.name] += 1
+            # Diagnostics never end.
+            if name.endswith("diagnostics"):
+                for status in deserialize_message(bytes(data), kind).status:
+                    self.told[status.name] = time.monotonic()
+            else:
+                self.last_arrival = time.monotonic()
+            self._writer.write_raw(topic, bytes(data), max(0, self.now()))
+
+        # A latched publisher's last message is wanted too; a volatile one is compatible only with volatile.
+        latched = name.rsplit("/", 1)[-1] in ("tf_static", "map", "trajectory")
+        return node.create_subscription(kind, name, keep, reliable(DEPTH, latched), raw=True)
 
 
 @dataclass
@@ -63,7 +107,6 @@ class SuiteRun:
 
 
 def replay_spec(executable: str, namespace: str = "", **parameters: Any) -> NodeSpec:
-    """A node set up for replay."""
     return NodeSpec(executable, namespace, {**REPLAY_PARAMETERS, **parameters})
 
 
@@ -154,14 +197,14 @@ class _Watch:
 
         Raises SuiteError: one is not active in time, or has ended.
         """
-        deadline = time.monotonic() + START_TIMEOUT
+        deadline = time.monotonic() + COMPILING
         for client in self.clients:
             while client.state() != State.PRIMARY_STATE_ACTIVE:
                 self.supervisor.check()
                 if time.monotonic() > deadline:
                     tail = self.supervisor.nodes[client.name].log_tail()
                     raise SuiteError(
-                        f"{client.name} is not active after {START_TIMEOUT:.0f} s; its last lines:\n{tail}"
+                        f"{client.name} is not active after {COMPILING:.0f} s; its last lines:\n{tail}"
                     )
         deadline = time.monotonic() + CONNECT_TIMEOUT
         while missing := self.replayer.unconnected(self.recorded):
@@ -172,7 +215,7 @@ class _Watch:
             self.executor.spin_once(timeout_sec=0.05)
         self.replayer.begin_turns()
         connected = time.time_ns()
-        while self.replayer.silent_since(connected) and time.monotonic() < deadline:
+        while self.replayer.audience.silent_since(connected) and time.monotonic() < deadline:
             self.supervisor.check()
             self.executor.spin_once(timeout_sec=0.05)
         self.replayer.nodes_changed()
@@ -198,7 +241,7 @@ class _CatchUp:
 
     def _behind(self) -> dict[str, int]:
         lacks = {
-            topic: self.replayer.sent_by_all(topic) - self.recorder.counts[topic] - self.forgiven[topic]
+            topic: self.replayer.flow.total(topic) - self.recorder.counts[topic] - self.forgiven[topic]
             for topic in self.recorder.topics
             if not topic.endswith("diagnostics")
         }
@@ -208,10 +251,10 @@ class _CatchUp:
 def _let_recorder_finish(executor: Any, recorder: Recorder, replayer: Replayer) -> None:
     """The nodes are done; what they have sent last is still on its way."""
     begun = time.monotonic()
-    while time.monotonic() < begun + PATIENCE:
+    while time.monotonic() < begun + SILENCE:
         # The last word of every node is of the end.
         told = all(recorder.told.get(name.lstrip("/"), begun) >= begun for name in replayer.watched)
-        came = all(recorder.counts[topic] >= replayer.sent_by_nodes(topic) for topic in recorder.topics)
+        came = all(recorder.counts[topic] >= replayer.flow.published(topic) for topic in recorder.topics)
         if told and came and time.monotonic() >= recorder.last_arrival + QUIET:
             return
         executor.spin_once(timeout_sec=QUIET / 5)

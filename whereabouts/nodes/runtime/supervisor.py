@@ -1,9 +1,15 @@
-"""Runs nodes as processes: starts them, brings back those that die, ends them all cleanly."""
+"""Runs nodes as processes: starts them, brings back those that die, ends them all cleanly.
+
+Fast DDS gives every process a segment under /dev/shm and a lock that it holds for as long as it lives. A process that
+is killed leaves both behind, eight megabytes each time: `remove_orphans` takes them away.
+"""
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,7 +23,6 @@ from typing import Any
 
 from estimation.errors import WhereaboutsError
 from whereabouts.nodes.ros.host import ACTIVE_VARIABLE, SUPERVISOR_VARIABLE, Forked, Host
-from whereabouts.nodes.runtime.shared_memory import remove_orphans
 from whereabouts.system.resources import config_file
 
 # A node that dies more often than LIMIT times within WINDOW, s, before it was ever active, or in a replay, is given up.
@@ -26,6 +31,38 @@ RESTART_WINDOW = 60.0
 # s before it is started again: at once after the first death of late, then twice as long after each, up to the longest.
 BACK_OFF, LONGEST_BACK_OFF = 0.5, 30.0
 GRACE = 5.0
+
+
+FOLDER = Path("/dev/shm")
+LOCK = re.compile(r"(fastrtps_[0-9a-f]{16})_el")
+# One that is younger may belong to a process that is about to take its lock.
+YOUNG = 5.0
+
+
+def remove_orphans(folder: Path = FOLDER) -> int:
+    """Remove segments whose owners are gone; returns how many there were."""
+    removed = 0
+    try:
+        locks = [path for path in folder.iterdir() if LOCK.fullmatch(path.name)]
+    except OSError:
+        return 0
+    for lock in locks:
+        try:
+            removed += _remove_if_orphan(lock)
+        except OSError:
+            # Somebody else's, or gone meanwhile.
+            continue
+    return removed
+
+
+def _remove_if_orphan(lock: Path) -> bool:
+    if time.time() - lock.stat().st_mtime < YOUNG:
+        return False
+    with lock.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
+        lock.unlink()
+    return True
 
 
 class SuiteError(WhereaboutsError):
@@ -49,11 +86,9 @@ class NodeSpec:
 
     @property
     def full_name(self) -> str:
-        """Fully qualified node name."""
         return f"{self.namespace.rstrip('/')}/{self.executable}"
 
     def command(self) -> list[str]:
-        """The process's command line."""
         command = [sys.executable, "-m", f"whereabouts.nodes.{self.executable}_node", "--ros-args"]
         if self.namespace:
             command += ["-r", f"__ns:={self.namespace}"]
@@ -127,12 +162,10 @@ class ManagedNode:
         return recent
 
     def restart(self) -> None:
-        """Start again."""
         self.due = None
         self.process = self._start()
 
     def log_tail(self, lines: int = 15) -> str:
-        """The end of its output."""
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
 
@@ -169,7 +202,6 @@ class Supervisor:
         self.stop()
 
     def start(self, spec: NodeSpec) -> ManagedNode:
-        """Start one node."""
         self.log_directory.mkdir(parents=True, exist_ok=True)
         log = self.log_directory / f"{spec.full_name.strip('/').replace('/', '.')}.log"
         log.unlink(missing_ok=True)

@@ -36,7 +36,6 @@ class TurnGiver:
         self._waits: Counter[str] = Counter()
 
     def close(self, destroy: Callable[..., object]) -> None:
-        """Give publishers back."""
         for publisher in self._publishers.values():
             destroy(publisher)
 
@@ -80,7 +79,6 @@ class TurnGiver:
         return kept or self._flow.due(name, () if last or self._waits[name] else self._lazy(name))
 
     def give(self, name: str) -> None:
-        """Tell a node that it is its turn."""
         self._done[name] = self._kept[name]
         self._given[name] += 1
         self.busy.add(name)

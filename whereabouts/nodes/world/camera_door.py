@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 from vision_msgs.msg import Detection2DArray, Detection3DArray
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from estimation.geometry.frame_tree import TransformError
 from whereabouts.messages.compressed_depth import SUFFIXES
@@ -37,8 +37,6 @@ from world_model.camera import located_by_scan as placed_by_scan
 from world_model.camera.rates import SUFFIX
 from world_model.kept_file import KeptFile
 from world_model.memory.store import Store
-
-Array = NDArray[np.float64]
 
 
 class CameraDoor:

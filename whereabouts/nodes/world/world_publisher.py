@@ -66,7 +66,6 @@ class WorldPublisher:
         self.model.words.keep(kept)
 
     def now_known(self) -> WorldState:
-        """The most probable world as it is."""
         if not np.isfinite(self.model.stamp):
             return WorldState((), 1.0, 0.0, 0.0, self.model.epoch)
         return self.model.world

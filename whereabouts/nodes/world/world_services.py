@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from std_msgs.msg import Header
 
+from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import frame_name
@@ -17,8 +17,6 @@ from whereabouts.system.counting import counted
 from whereabouts_msgs.srv import ForgetObject, QueryWorld, RelabelObject, SaveState
 from world_model.camera.rates import SUFFIX as CAMERA_SUFFIX
 from world_model.model import routines_path
-
-Array = NDArray[np.float64]
 
 
 class WorldServices:

@@ -11,23 +11,22 @@ import numpy as np
 from estimation.geometry.poses import pose_to_matrix
 from whereabouts.logs import CloudRecord, McapWriter, OdometryRecord, ScanRecord, TransformRecord
 from whereabouts.logs.bags.encode import time, xyz
-from whereabouts.messages.decode import NANOSECONDS
-from whereabouts.recorded.world_log import EVIDENCE
+from whereabouts.messages.type_names import EVIDENCE, TARGETS
 from whereabouts.simulation.home.apartment_day import (
     CLOUD_RATE,
     LASER_MOUNT,
     THINGS,
     TICKS,
-    WHEEL_RATE,
     ApartmentDay,
     Moment,
 )
 from whereabouts.simulation.home.floor_plan import CAMERA_HEIGHT, LASER_HEIGHT
 from whereabouts.simulation.shapes import Array
 from whereabouts.simulation.world_bag import SuiteMessages, distribution, pose
+from whereabouts.system.clocks import NANOSECONDS
 
 START = datetime(2026, 5, 4, 9, 0, tzinfo=UTC).timestamp()
-TARGETS, STATE = "whereabouts_msgs/msg/TargetArray", "whereabouts_msgs/msg/WorldState"
+STATE = "whereabouts_msgs/msg/WorldState"
 GRAIN = 64.0
 """Points of the sparse cloud are rounded to 1/64 m, which is less than their error, to be small."""
 
@@ -58,8 +57,7 @@ class MomentWriter:
     def write(self, moment: Moment) -> None:
         """Everything of one moment, what others need to be placed first."""
         stamp, at = START + moment.time, self._nanoseconds(moment.time)
-        if round(moment.time * TICKS) % (TICKS // WHEEL_RATE) == 0:
-            self._writer.write_odometry(OdometryRecord(_rounded(moment.wheels), stamp), at)
+        self._writer.write_odometry(OdometryRecord(_rounded(moment.wheels), stamp), at)
         if moment.scan is not None:
             scan = ScanRecord(moment.scan, stamp)
             self._writer.write_scan(scan, at)

@@ -24,9 +24,9 @@ from whereabouts.simulation.walkers import positions
 from world_model import WorldEvidence
 
 SEED = 20
-SCAN_RATE, WHEEL_RATE, LOOK_RATE, CLOUD_RATE = 8, 8, 2, 1
-TICKS = 8
-"""Moments per second at which something is measured."""
+SCAN_RATE, LOOK_RATE, CLOUD_RATE = 8, 2, 1
+TICKS = SCAN_RATE
+"""Moments per second at which something is measured: all scan, and hear of the wheels."""
 LASER_MOUNT = np.array([0.15, 0.0, 0.0])
 SCANNER = Lidar(
     beams=451, opening=np.deg2rad(270.0), range_max=12.0, sigma=0.008, resolution=1.0 / 256.0, dropout=0.002
@@ -202,7 +202,7 @@ class Senses:
         lying = {name: (THINGS[name][0], spot) for name, spot in things.items() if spot is not None}
         scan, evidence, cloud = None, None, None
         returns = np.zeros(len(people), dtype=np.int64)
-        if self.scans and tick % (TICKS // SCAN_RATE) == 0:
+        if self.scans:
             world = joined([self.home.outlines, *_low(lying), joined(outlines)])
             simulated = SCANNER.scan(world, compound(pose, LASER_MOUNT), self._streams[1], time)
             scan = simulated.scan

@@ -58,9 +58,9 @@ def floor_plan(home: Apartment) -> OccupancyGrid:
 class Driver:
     """Drives to one goal after the other.
 
-    pose (3,) is where it truly is. status : "idle", "driving", "reached" or "failed", of the last goal.
-    metres : driven. stands : where it stood because of somebody, (2,) each. waited : s. closest : m, between the
-    middles of the robot and of a person while it drove on.
+    pose (3,) is where it truly is; goal (3,) the last one, moved to where it can stand. status : "idle", "driving",
+    "reached" or "failed", of the last goal. metres : driven. stands : where it stood because of somebody, (2,) each.
+    waited : s. closest : m, between the middles of the robot and of a person while it drove on.
     """
 
     def __init__(self, grid: OccupancyGrid, pose: Array, base: Base | None = None) -> None:
@@ -71,19 +71,9 @@ class Driver:
         self.stands: list[Array] = []
         self._grid = grid
         self._room = distance_transform_edt(~grid.occupied) * grid.resolution
-        self._goal = np.array(pose, dtype=np.float64)
+        self.goal = np.array(pose, dtype=np.float64)
         self._path: list[Array] = []
         self._standing, self._stuck, self._around, self._apart = 0.0, 0.0, False, 0.0
-
-    @property
-    def goal(self) -> Array:
-        """(3,) of the last goal, moved to where the robot can stand."""
-        return self._goal
-
-    @property
-    def way(self) -> Array:
-        """(K, 2) of what it means to drive."""
-        return np.array([self.pose[:2], *self._path])
 
     def go(self, goal: Array, near: float = 1.5, apart: float = 0.0) -> bool:
         """Drive to a goal (3,) x, y, yaw, or to the nearest place within `near` metres of it that can be reached.
@@ -97,11 +87,9 @@ class Driver:
         return found
 
     def stop(self) -> None:
-        """Stay here."""
         self._path, self.status = [], "idle"
 
     def step(self, seconds: float, people: Array) -> None:
-        """Go on for a moment, among people (P, 2)."""
         if self.status != "driving":
             return
         before = self.pose.copy()
@@ -120,7 +108,7 @@ class Driver:
     def _turn_or_move(self, seconds: float, people: Array) -> float:
         """Turn on the spot, or drive on; seconds that are left."""
         if not self._path:
-            return self._face(self._goal[2], seconds, last=True)
+            return self._face(self.goal[2], seconds, last=True)
         offset = self._path[0] - self.pose[:2]
         away = float(np.hypot(*offset))
         if away < 1e-6:
@@ -169,7 +157,7 @@ class Driver:
         if self._standing > base.around:
             self._standing = seconds
             self._apart = 0.0
-            self._around = self._plan(self._goal, 0.8, people)
+            self._around = self._plan(self.goal, 0.8, people)
         return 0.0
 
     def _plan(self, goal: Array, near: float, people: Array) -> bool:
@@ -201,7 +189,7 @@ class Driver:
         if points is None:
             return False
         if not len(people):
-            self._goal = np.array([*spot, goal[2]])
+            self.goal = np.array([*spot, goal[2]])
         self._path = self._straightened([*points[:-1], spot]) if not len(people) else [*points[1:-1], spot]
         return True
 

@@ -151,7 +151,6 @@ class LiveDay:
 
     @property
     def time(self) -> float:
-        """s that have passed."""
         return self._tick / TICKS
 
     @property
