@@ -10,9 +10,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, wraps
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
+import numpy as np
+
 from estimation.errors import InputError
 from estimation.geometry.places import Places
-from world_model.memory.stays import MOST, PlaceWords, Timeline, timeline_of
+from world_model.memory.stays import APART, AWAY, MOST, PlaceWords, Timeline, timeline_of
 from world_model.memory.store import Store
 from world_model.memory.store_records import Sight
 from world_model.state import BELIEVED, DAY, PERSON, WorldObject
@@ -27,6 +29,7 @@ LOOKS_ALIKE = 0.6
 """Overlap of the distributions of all attributes from which on two objects can be taken for each other."""
 LATELY = 3.0 * DAY  # s: of the past that a question about the present reads first
 LONGER = 8.0  # times as much it reads next
+RECENT = 60  # Objects of a class that ended last, among which doubles are looked for
 AROUND = 1.5 * DAY  # s: of the history that says where something was at a moment
 SAME = 0.93  # That what looks like something that went, and came since, is the same
 WEEK = 7.0 * DAY  # s: what was away for longer is another one
@@ -147,7 +150,7 @@ class Recall:
         What was carried out of sight may have another id where it is found again: what looks like something that went,
         and came since, is taken for it.
         """
-        links = self._successors(self.kind(object_id))
+        links = self._links(self.kind(object_id))
         certain = 1.0
         while object_id in links:
             object_id, share = links[object_id]
@@ -155,8 +158,29 @@ class Recall:
         return object_id, certain
 
     @remembered
+    def _links(self, kind: str) -> dict[str, tuple[str, float]]:
+        """For ids of a class that ended the id that goes on, with its probability.
+
+        What ended where another one like it is from then on was that one, with an id of its own for a while.
+        """
+        lives, links = self._lives(kind), dict(self._successors(kind))
+        doubles: dict[str, tuple[str, float]] = {}
+        for life in [each for each in lives if each.ended and each.id not in links][-RECENT:]:
+            stays = self._read(life.id, self.epoch).stays
+            for other in lives if stays else ():
+                if other.id == life.id or other.id in doubles or not other.first <= life.last <= other.last:
+                    continue
+                if likeness(life.attributes, other.attributes) < LOOKS_ALIKE:
+                    continue
+                there = self._read(other.id, self.epoch, stays[-1].since - AWAY, stays[-1].until + AWAY).stays
+                spot = stays[-1].position[:2]
+                if any(np.linalg.norm(stay.position[:2] - spot) < APART for stay in there):
+                    doubles[life.id] = (other.id, SAME)
+                    break
+        return links | doubles
+
+    @remembered
     def _successors(self, kind: str) -> dict[str, tuple[str, float]]:
-        """For ids of a class that ended the id that goes on, with its probability."""
         return _followed(self._lives(kind))
 
     @remembered
