@@ -17,8 +17,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from whereabouts.logs import OversizedLogError, UnknownFormatError, open_log, open_raw
-from whereabouts.logs.bags import unpacking
-from whereabouts.logs.bags.unpacking import unpack
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
 
 MUCH = bytes(300 << 20)
 LINES = b"PARAM robot_frontlaser_offset 0.0 0 host 0\n" * 100_000
@@ -66,10 +65,7 @@ FILES: dict[str, Callable[[], bytes]] = {
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_that_unpacks_to_too_much_is_named_with_the_limit(
-    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(unpacking, "UNPACKED_LIMIT", 1 << 20)
+def test_a_file_that_unpacks_to_too_much_is_named_with_the_limit(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(FILES[name]())
     assert path.stat().st_size < 3 << 20
@@ -77,7 +73,7 @@ def test_a_file_that_unpacks_to_too_much_is_named_with_the_limit(
     try:
         with (
             pytest.raises(OversizedLogError, match=rf"{name}.*: unpacks to more than 1 MiB, the limit"),
-            open_log(path) as log,
+            open_log(path, unpacked_limit=1 << 20) as log,
         ):
             list(log)
         assert tracemalloc.get_traced_memory()[1] < 64 << 20
@@ -91,18 +87,16 @@ def test_chunks_and_messages_have_a_limit_of_their_own(tmp_path: Path) -> None:
     with pytest.raises(OversizedLogError, match="more than 256 MiB"), open_raw(path) as raw:
         list(raw)
     with pytest.raises(OversizedLogError, match="more than 256 MiB"):
-        unpack("zstd", zstandard.compress(MUCH), path)
+        unpack("zstd", zstandard.compress(MUCH), path, UNPACKED_LIMIT)
 
 
 @pytest.mark.parametrize("form", ["zstd", "lz4", "bz2"])
-def test_what_is_exactly_as_large_as_the_limit_is_read(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_exactly_as_large_as_the_limit_is_read(form: str) -> None:
     pack = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "bz2": bz2.compress}[form]
     data = bytes(range(256)) * 40
-    monkeypatch.setattr(unpacking, "BLOCK_LIMIT", len(data))
-    assert unpack(form, pack(data), Path("x")) == data
-    monkeypatch.setattr(unpacking, "BLOCK_LIMIT", len(data) - 1)
+    assert unpack(form, pack(data), Path("x"), len(data)) == data
     with pytest.raises(OversizedLogError):
-        unpack(form, pack(data), Path("x"))
+        unpack(form, pack(data), Path("x"), len(data) - 1)
 
 
 @pytest.mark.parametrize(("name", "pack"), [("x.mcap.gz", gzip.compress), ("x.mcap.bz2", bz2.compress)])

@@ -17,7 +17,7 @@ from whereabouts.logs.bags.mcap_file import McapFile
 from whereabouts.logs.bags.rosbag1_file import Ros1File
 from whereabouts.logs.bags.sqlite_file import SqliteFile
 from whereabouts.logs.bags.storage import BagFile, Qos, Stored, Topic, parse_qos
-from whereabouts.logs.bags.unpacking import copy, unpack
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, copy, unpack
 from whereabouts.logs.format_detection import only_member, refuse_compressed_bag
 from whereabouts.logs.formats.text import ZIP_MAGIC, TextSource, open_file
 from whereabouts.logs.summary import Summary
@@ -28,59 +28,67 @@ STORAGES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
-def open_bag(path: Path, summary: Summary) -> BagFile:
-    """A ROS 1 or ROS 2 bag of any kind; damage found on the way goes into `summary`.
+def open_bag(path: Path, summary: Summary, limit: int = UNPACKED_LIMIT) -> BagFile:
+    """A ROS 1 or ROS 2 bag of any kind; damage found on the way goes into `summary`. limit : bytes it may unpack to.
 
     Raises LogNotFoundError, UnknownFormatError, DamagedLogError: as `open_log`.
     """
     if path.is_dir():
-        return BagDirectory(path, summary)
-    return open_bag_file(path, summary)
+        return BagDirectory(path, summary, limit)
+    return open_bag_file(path, summary, limit=limit)
 
 
-def open_bag_file(path: Path, summary: Summary, shown: Path | None = None) -> BagFile:
+def open_bag_file(
+    path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
+) -> BagFile:
     """One file, told apart by its first bytes; `shown` is what messages call it."""
     with open_file(path) as stream:
         magic = stream.read(16)
     if magic.startswith(b"\x89MCAP"):
-        return McapFile(path, summary, shown)
+        return McapFile(path, summary, shown, limit)
     if magic.startswith(b"SQLite format 3"):
         return SqliteFile(path, summary, shown)
     if magic.startswith(b"#ROSBAG"):
-        return Ros1File(path, summary, shown)
+        return Ros1File(path, summary, shown, limit)
     if magic.startswith(ZSTD_MAGIC):
-        return _unpacked(path, summary, _inflate_zstd)
+        return _unpacked(path, summary, _inflate_zstd, limit)
     if magic.startswith(ZIP_MAGIC):
-        return _unpacked(path, summary, _inflate_zip)
+        return _unpacked(path, summary, _inflate_zip, limit)
     refuse_compressed_bag(shown or path, TextSource(path).head(16))
     problem = "is no bag: neither MCAP, sqlite3 nor ROS 1; `whereabouts convert` makes one of other logs"
     raise UnknownFormatError(shown or path, problem)
 
 
-def _unpacked(path: Path, summary: Summary, inflate: Callable[[Path, Path], None]) -> BagFile:
+def _unpacked(
+    path: Path, summary: Summary, inflate: Callable[[Path, Path, int], None], limit: int
+) -> BagFile:
     """A bag inside a compressed file, on disk as long as it is open: bags need random access."""
     with tempfile.TemporaryDirectory(prefix="whereabouts-") as folder:
         unpacked = Path(folder) / "bag"
-        inflate(path, unpacked)
-        return open_bag_file(unpacked, summary, path)
+        inflate(path, unpacked, limit)
+        return open_bag_file(unpacked, summary, path, limit)
 
 
-def _inflate_zstd(path: Path, target: Path) -> None:
+def _inflate_zstd(path: Path, target: Path, limit: int) -> None:
     """A file cut short gives its beginning; the reader of that then says where it breaks off."""
     with path.open("rb") as source, target.open("wb") as sink:
         try:
-            reader = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
-            copy(reader.read, sink, path)
+            copy(
+                zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True).read,
+                sink,
+                path,
+                limit,
+            )
         except zstandard.ZstdError as error:
             if not sink.tell():
                 raise DamagedLogError(path, f"cannot be decompressed ({error})") from error
 
 
-def _inflate_zip(path: Path, target: Path) -> None:
+def _inflate_zip(path: Path, target: Path, limit: int) -> None:
     member = only_member(path)
     try:
         with zipfile.ZipFile(path) as archive, archive.open(member) as source, target.open("wb") as sink:
-            copy(source.read, sink, path)
+            copy(source.read, sink, path, limit)
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, zlib.error) as error:
         raise DamagedLogError(path, f"member {member} cannot be unpacked ({error})") from error
 
@@ -93,9 +101,10 @@ class BagDirectory:
     is missing; DamagedLogError: metadata.yaml cannot be used.
     """
 
-    def __init__(self, path: Path, summary: Summary) -> None:
+    def __init__(self, path: Path, summary: Summary, limit: int = UNPACKED_LIMIT) -> None:
         self.path = path
         self._summary = summary
+        self._limit = limit
         self._current: BagFile | None = None
         self._number = 0
         self._inflate: Callable[[bytes], bytes] | None = None
@@ -135,7 +144,7 @@ class BagDirectory:
     def _each(self) -> Iterator[BagFile]:
         for number, path in enumerate(self._files):
             self._number = number
-            file = open_bag_file(path, self._summary)
+            file = open_bag_file(path, self._summary, limit=self._limit)
             self._current = file
             try:
                 yield file
@@ -180,7 +189,7 @@ class BagDirectory:
             form = information.get("compression_format")
             raise UnknownFormatError(source, f"compression {form} is not known, zstd is")
         if compressed and str(information["compression_mode"]).lower() == "message":
-            self._inflate = lambda data: unpack("zstd", data, self.path)
+            self._inflate = lambda data: unpack("zstd", data, self.path, self._limit)
         files = [self.path / name for name in names]
         missing = [file.name for file in files if not file.is_file()]
         if missing or not files:

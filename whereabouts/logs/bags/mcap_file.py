@@ -26,7 +26,7 @@ from whereabouts.logs.bags.storage import (
     Topic,
     parse_qos,
 )
-from whereabouts.logs.bags.unpacking import unpack
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import UnknownFormatError
 
@@ -42,8 +42,10 @@ _LARGEST_RECORD = 1 << 32
 class McapFile(ChunkedFile):
     """A bare .mcap file."""
 
-    def __init__(self, path: Path, summary: Summary, shown: Path | None = None) -> None:
-        super().__init__(path, summary, shown)
+    def __init__(
+        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
+    ) -> None:
+        super().__init__(path, summary, shown, limit)
         self._schemas: dict[int, Schema] = {}
         if self._stream.read(len(MAGIC)) != MAGIC:
             raise UnknownFormatError(self._shown, "is no MCAP file: its first bytes are not MCAP's")
@@ -114,7 +116,7 @@ class McapFile(ChunkedFile):
         return found
 
     def _decompress(self, chunk: Chunk, where: str) -> bytes:
-        data = unpack(chunk.compression, chunk.data, self._shown, where)
+        data = unpack(chunk.compression, chunk.data, self._shown, self._limit, where)
         if len(data) != chunk.uncompressed_size:
             raise ValueError("chunk of another size than it says")
         if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:

@@ -10,6 +10,7 @@ from typing import Any, Self
 from whereabouts.logs.bags.bag_directory import open_bag
 from whereabouts.logs.bags.ros_types import decoded
 from whereabouts.logs.bags.storage import Stored, Topic
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.log import Log, topic_names
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, other
@@ -29,11 +30,17 @@ class RosLog(Log):
     them: then each message is a MessageRecord.
     """
 
-    def __init__(self, path: Path, topics: Iterable[str] | None = None, format: str = "rosbag2") -> None:
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[str] | None = None,
+        format: str = "rosbag2",
+        unpacked_limit: int = UNPACKED_LIMIT,
+    ) -> None:
         super().__init__(path, topics)
         self.format = format
         _check(path)
-        self._bag = open_bag(path, self.summary)
+        self._bag = open_bag(path, self.summary, unpacked_limit)
         self._found = self.summary.copy()
 
     @property

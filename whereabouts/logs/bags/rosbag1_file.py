@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 from whereabouts.logs.bags.ros1_types import topic_of
 from whereabouts.logs.bags.storage import DECODING_ERRORS, BrokenOffError, ChunkedFile, Stored
-from whereabouts.logs.bags.unpacking import unpack
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, unpack
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import DamagedLogError, UnknownFormatError
 
@@ -34,8 +34,10 @@ class Ros1File(ChunkedFile):
     Raises UnknownFormatError: not of version 2.0, or encrypted; DamagedLogError: breaks off before its first record.
     """
 
-    def __init__(self, path: Path, summary: Summary, shown: Path | None = None) -> None:
-        super().__init__(path, summary, shown)
+    def __init__(
+        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
+    ) -> None:
+        super().__init__(path, summary, shown, limit)
         self._start = self._read_start()
 
     def _read_start(self) -> int:
@@ -93,7 +95,7 @@ class Ros1File(ChunkedFile):
         """Messages of a chunk in the order they lie in it."""
         where = f"byte {offset}"
         form = fields[b"compression"].decode("ascii")
-        content = unpack(form, data, self._shown, where)
+        content = unpack(form, data, self._shown, self._limit, where)
         if len(content) != _LENGTH.unpack(fields[b"size"])[0]:
             raise ValueError("chunk of another size than it says")
         found: list[Stored] = []

@@ -15,6 +15,7 @@ import yaml
 import zstandard
 from mcap.exceptions import McapError
 
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
 from whereabouts.logs.formats.text import open_file
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import OversizedLogError, UnreadableTypeError
@@ -127,11 +128,14 @@ class ChunkedFile(ABC):
     """A bag file in chunks, read by its index where there is one, else from front to back.
 
     path : the file; shown : what error messages and remarks call it (the archive it came from).
-    summary : account of damage.
+    summary : account of damage. limit : bytes that a chunk may unpack to, `BLOCK_LIMIT` at most.
     """
 
-    def __init__(self, path: Path, summary: Summary, shown: Path | None = None) -> None:
+    def __init__(
+        self, path: Path, summary: Summary, shown: Path | None = None, limit: int = UNPACKED_LIMIT
+    ) -> None:
         self.path = path
+        self._limit = limit
         self._shown = shown or path
         self._summary = summary
         self._stream = open_file(path)

@@ -14,7 +14,7 @@ import zstandard
 from whereabouts.system.log_errors import OversizedLogError
 
 UNPACKED_LIMIT = 4 << 30
-"""Bytes that a file may unpack to."""
+"""Bytes that a file may unpack to, unless its reader is told otherwise."""
 BLOCK_LIMIT = 256 << 20
 """Bytes of a chunk or a message, which are unpacked in memory."""
 
@@ -24,13 +24,13 @@ def oversized(path: Path, limit: int, where: str = "") -> OversizedLogError:
     return OversizedLogError(path, f"unpacks to more than {limit / 2**20:g} MiB, the limit", where)
 
 
-def unpack(form: str, data: bytes, path: Path, where: str = "") -> bytes:
+def unpack(form: str, data: bytes, path: Path, limit: int, where: str = "") -> bytes:
     """A chunk or message in memory; form : zstd, lz4, bz2, or "" for none.
 
-    Raises OversizedLogError beyond `BLOCK_LIMIT` bytes, ValueError for an unknown form, what the decoder raises where
-    the data are broken.
+    Raises OversizedLogError beyond `limit` bytes or `BLOCK_LIMIT`, ValueError for an unknown form, what the decoder
+    raises where the data are broken.
     """
-    limit = min(UNPACKED_LIMIT, BLOCK_LIMIT)
+    limit = min(limit, BLOCK_LIMIT)
     if form == "zstd":
         # Frames come with and without their size.
         with zstandard.ZstdDecompressor().stream_reader(data) as stream:
@@ -55,21 +55,22 @@ def _whole(decoder: lz4.frame.LZ4FrameDecompressor | bz2.BZ2Decompressor, data: 
     return found
 
 
-def copy(read: Callable[[int], bytes], sink: BinaryIO, path: Path) -> None:
+def copy(read: Callable[[int], bytes], sink: BinaryIO, path: Path, limit: int) -> None:
     """Write what `read` gives to a file. Raises OversizedLogError, and what `read` raises."""
-    left = UNPACKED_LIMIT
+    left = limit
     while part := read(1 << 20):
         left -= len(part)
         if left < 0:
-            raise oversized(path, UNPACKED_LIMIT)
+            raise oversized(path, limit)
         sink.write(part)
 
 
 class Bounded(io.RawIOBase):
-    """A stream that may be read up to `UNPACKED_LIMIT`. Raises OversizedLogError beyond it."""
+    """A stream that may be read up to a limit of bytes. Raises OversizedLogError beyond it."""
 
-    def __init__(self, stream: BinaryIO, path: Path) -> None:
-        self._stream, self._path, self._left = stream, path, UNPACKED_LIMIT
+    def __init__(self, stream: BinaryIO, path: Path, limit: int) -> None:
+        self._stream, self._path, self._limit = stream, path, limit
+        self._left = limit
 
     def readable(self) -> bool:
         return True
@@ -78,11 +79,11 @@ class Bounded(io.RawIOBase):
         data = self._stream.read(len(buffer))
         self._left -= len(data)
         if self._left < 0:
-            raise oversized(self._path, UNPACKED_LIMIT)
+            raise oversized(self._path, self._limit)
         buffer[: len(data)] = data
         return len(data)
 
 
-def bounded(stream: object, path: Path) -> BinaryIO:
-    """A stream to read lines from, up to `UNPACKED_LIMIT`."""
-    return cast(BinaryIO, io.BufferedReader(Bounded(cast(BinaryIO, stream), path), 1 << 16))
+def bounded(stream: object, path: Path, limit: int) -> BinaryIO:
+    """A stream to read lines from, up to a limit of bytes."""
+    return cast(BinaryIO, io.BufferedReader(Bounded(cast(BinaryIO, stream), path, limit), 1 << 16))

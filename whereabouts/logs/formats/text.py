@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from whereabouts.logs.bags.unpacking import bounded
+from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT, bounded
 from whereabouts.logs.log import Log
 from whereabouts.logs.summary import Summary
 from whereabouts.system.log_errors import DamagedLogError, LogNotFoundError
@@ -35,14 +35,16 @@ def open_file(path: Path) -> BinaryIO:
         raise LogNotFoundError(path, f"cannot be read ({error.strerror}); check the path") from error
 
 
-def decompressed(raw: BinaryIO, path: Path, member: str | None = None) -> BinaryIO:
+def decompressed(
+    raw: BinaryIO, path: Path, member: str | None = None, limit: int = UNPACKED_LIMIT
+) -> BinaryIO:
     """Content of the open file, decompressed when its first bytes say so; `member` of a zip archive.
 
-    Reading raises OversizedLogError where it unpacks to too much.
+    Reading raises OversizedLogError beyond `limit` bytes of what was compressed.
     """
     if member is not None:
         try:
-            return bounded(zipfile.ZipFile(raw).open(member), path)  # closed with `raw`
+            return bounded(zipfile.ZipFile(raw).open(member), path, limit)  # closed with `raw`
         except (*DECODING_ERRORS, KeyError, NotImplementedError, RuntimeError) as error:
             raise DamagedLogError(
                 path, f"member {member} cannot be read ({error}); unpack it first"
@@ -50,18 +52,19 @@ def decompressed(raw: BinaryIO, path: Path, member: str | None = None) -> Binary
     magic = raw.read(4)
     raw.seek(0)
     if magic.startswith(GZIP_MAGIC):
-        return bounded(gzip.GzipFile(fileobj=raw), path)
+        return bounded(gzip.GzipFile(fileobj=raw), path, limit)
     if magic.startswith(BZIP2_MAGIC):
-        return bounded(bz2.BZ2File(raw), path)
+        return bounded(bz2.BZ2File(raw), path, limit)
     return raw
 
 
 class TextSource:
-    """Numbered lines of a text log; can be read any number of times."""
+    """Numbered lines of a text log; can be read any number of times. limit : bytes that it may unpack to."""
 
-    def __init__(self, path: Path, member: str | None = None) -> None:
+    def __init__(self, path: Path, member: str | None = None, limit: int = UNPACKED_LIMIT) -> None:
         self.path = path
         self.member = member
+        self.limit = limit
         self._raw: BinaryIO | None = None
 
     @property
@@ -75,7 +78,7 @@ class TextSource:
         """The first bytes of the content."""
         with open_file(self.path) as raw:
             try:
-                return decompressed(raw, self.path, self.member).read(size)
+                return decompressed(raw, self.path, self.member, self.limit).read(size)
             except DECODING_ERRORS:
                 return b""
 
@@ -84,7 +87,7 @@ class TextSource:
         number = 0
         with open_file(self.path) as raw:
             self._raw = raw
-            content = decompressed(raw, self.path, self.member)
+            content = decompressed(raw, self.path, self.member, self.limit)
             while True:
                 try:
                     line = content.readline(LONGEST_LINE)
@@ -113,7 +116,7 @@ class TextLog(Log):
 
     path : the file, plain, .gz or .bz2, or a zip archive holding one. topics : hand out only these; None for all.
     max_range : metres from which a reading is a no-return, instead of what the log says.
-    member : name inside a zip archive.
+    member : name inside a zip archive. unpacked_limit : bytes that a compressed log may unpack to.
     """
 
     def __init__(
@@ -122,9 +125,10 @@ class TextLog(Log):
         topics: Iterable[str] | None = None,
         max_range: float | None = None,
         member: str | None = None,
+        unpacked_limit: int = UNPACKED_LIMIT,
     ) -> None:
         super().__init__(path, topics)
-        self._source = TextSource(path, member)
+        self._source = TextSource(path, member, unpacked_limit)
         self._max_range = max_range
 
     @property
