@@ -148,6 +148,7 @@ class McapWriter:
 
     @property
     def counts_by_type(self) -> dict[str, int]:
+        """Messages written so far, by type."""
         counts: dict[str, int] = {}
         for number, topic in self._channels.values():
             counts[topic.type_name] = counts.get(topic.type_name, 0) + self._sequence.get(number, 0)

@@ -85,6 +85,7 @@ class TransformRecord:
 
     @property
     def static(self) -> bool:
+        """Whether it holds for all times."""
         return self.topic.endswith("tf_static")
 
 

@@ -319,6 +319,7 @@ class WorldMaintenanceNode(SuiteNode):
     # Helpers.
 
     def _now(self) -> float:
+        """s of the node's clock."""
         return self.now / NANOSECONDS
 
     def _header(self) -> Header:

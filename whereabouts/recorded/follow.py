@@ -35,6 +35,7 @@ class FollowedPose:
 
     @property
     def view(self) -> Scan | Array:
+        """What was seen: a scan, or points (N, 3)."""
         return self.record.scan if isinstance(self.record, ScanRecord) else self.record.points
 
     @property

@@ -78,6 +78,7 @@ class SeenTopic:
 
     @property
     def lag(self) -> float | None:
+        """Median of the lags, s."""
         return float(np.median(self.lags)) if self.lags else None
 
 

@@ -54,6 +54,7 @@ class Drive:
 
     @property
     def duration(self) -> float:
+        """Seconds from start to end."""
         return float(self._times[-1])
 
     def __call__(self, time: float) -> Array:

@@ -42,6 +42,7 @@ class Shapes:
             object.__setattr__(self, "circle_owners", np.zeros(len(self.circles), dtype=np.int64))
 
     def owned_by(self, owner: int) -> Shapes:
+        """The same outlines, all belonging to `owner`."""
         return Shapes(
             self.segments,
             self.circles,
@@ -80,6 +81,7 @@ def unit(angle: float) -> Array:
 
 
 def joined(parts: Iterable[Shapes]) -> Shapes:
+    """All outlines in one."""
     every = list(parts)
     if not every:
         return Shapes()
@@ -108,4 +110,5 @@ def box(length: float, width: float, pose: ArrayLike = (0.0, 0.0, 0.0)) -> Shape
 
 
 def circle(x: float, y: float, radius: float) -> Shapes:
+    """A circle, metres."""
     return Shapes(circles=np.array([[x, y, radius]], dtype=np.float64))

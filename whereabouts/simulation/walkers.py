@@ -87,9 +87,11 @@ class SimulatedWalker:
         return float(self._times[-1])  # type: ignore[attr-defined]
 
     def walked(self, time: float) -> float:
+        """Metres walked until `time` seconds."""
         return float(np.interp(time, self._times, self._walked))  # type: ignore[attr-defined]
 
     def position(self, time: float) -> Array:
+        """(2,) metres at `time` seconds."""
         return self.path(np.array([time]))[0]
 
     def path(self, times: Array) -> Array:
@@ -99,6 +101,7 @@ class SimulatedWalker:
         return np.stack([np.interp(along, marks, self.waypoints[:, k]) for k in range(2)], axis=1)
 
     def velocity(self, time: float) -> Array:
+        """(2,) m/s at `time` seconds."""
         step = 1e-3
         return (self.position(time + step) - self.position(time - step)) / (2.0 * step)
 

@@ -47,6 +47,7 @@ class SuiteMessages:
         return Topic(name, type_name, self._definitions[type_name])
 
     def serialized(self, message: Any, type_name: str) -> bytes:
+        """CDR bytes."""
         return bytes(self._store.serialize_cdr(message, type_name))
 
     def evidence(self, evidence: WorldEvidence, stamp: float, frame: str) -> Any:

@@ -28,6 +28,7 @@ class PictureSink:
             self.write()
 
     def draw(self, stamp: float, shapes: Iterable[Shape]) -> None:
+        """Shapes that hold from `stamp` (s) on."""
         for shape in shapes:
             if isinstance(shape, PlaceShape):
                 self._places[shape.path] = shape.matrix

@@ -59,6 +59,7 @@ class RerunSink:
         self._recording.disconnect()
 
     def draw(self, stamp: float, shapes: Iterable[Shape]) -> None:
+        """Shapes that hold from `stamp` (s) on."""
         self._recording.set_time(TIMELINE, timestamp=stamp)
         for shape in shapes:
             static = isinstance(shape, PlaceShape) and shape.static

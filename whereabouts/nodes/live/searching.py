@@ -59,6 +59,7 @@ class Searches:
 
     @property
     def ready(self) -> bool:
+        """Whether anybody searches."""
         return bool(self._client.server_is_ready())
 
     def ask(

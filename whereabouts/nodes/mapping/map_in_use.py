@@ -173,6 +173,7 @@ class MapInUse:
 
     @property
     def flat(self) -> bool:
+        """Whether there is a map of scans."""
         return len(self.slam.keyframes) > 0 and self.slam.keyframes[0].scan is not None
 
     def draw(self) -> None:

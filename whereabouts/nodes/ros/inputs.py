@@ -261,6 +261,7 @@ class Input:
 
     @property
     def waiting(self) -> int:
+        """How many messages wait for their transforms."""
         return len(self._waiting)
 
     def serve_waiting(self, reported: bool = False, give_up: bool = False) -> None:

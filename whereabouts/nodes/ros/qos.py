@@ -19,6 +19,7 @@ LATCHED = reliable(1, latched=True)
 HEARD_LATCHED = reliable(10, latched=True)
 TF_QOS = QoSProfile(depth=100)
 TF_STATIC_QOS = reliable(100, latched=True)
+# Messages that wait for a node.
 BURST = 200
 # Messages that wait for whoever only looks on.
 LOOKED_AT = 50

@@ -124,6 +124,7 @@ class Timekeeper:
 
     @property
     def _simulated(self) -> bool:
+        """Whether the node's clock follows /clock."""
         return bool(cast(ROSClock, self._node.get_clock()).ros_time_is_active)
 
     def _ros_time(self) -> int:

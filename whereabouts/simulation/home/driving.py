@@ -90,6 +90,7 @@ class Driver:
         self._path, self.status = [], "idle"
 
     def step(self, seconds: float, people: Array) -> None:
+        """Go on for a moment, among people (P, 2)."""
         if self.status != "driving":
             return
         before = self.pose.copy()

@@ -151,6 +151,7 @@ class LiveDay:
 
     @property
     def time(self) -> float:
+        """s that have passed."""
         return self._tick / TICKS
 
     @property
