@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
-from estimation.geometry.poses import inverse
+from estimation.geometry.poses import between, inverse
 from estimation.geometry.sight import AGREES
 from registration.crf.beams import Beams, seen_by
 from registration.laser.outline import TOUCHING
@@ -25,7 +25,13 @@ SHARE = 0.25  # of the returned beams, from which one piece may decide a registr
 LARGEST = 5.0  # metres, extent of what may move
 NEARER = 0.7  # of the median range of the rest: what fills much without being large
 NOISE = 0.025  # metres, of the scanner, at the most
+SAME = 0.03  # metres and radians between two answers that are one
 BETTER = 0.02  # share of the rest that has to agree more for another answer
+LEAST = 0.6  # share of the rest that has to agree with an answer that it does not give itself
+LITTLE = 0.2  # the same, where what is near fills too little to have decided: in a crowd much of the rest moves as well
+DECIDES = 0.47  # share of the returned beams, from which it may have
+LEAST_FILLED = 0.6  # and with one that it gives, where most of the scan is filled
+FOLLOWED = 0.7  # share of a near thing that agrees with an answer that it may have decided
 MUCH = 0.4  # of the beams of a scan, from which the rest has to say in which direction the sensor went
 
 
@@ -54,19 +60,29 @@ def told_by_the_rest(
     big, other = dominant(a), dominant(b)
     if not big.any() and not other.any():
         return registration
-    pose = registration.transform
-    rest = among_movers(prepared(scan_a).without(big), prepared(scan_b).without(other), pose)
+    moving, still = prepared(scan_a).without(big), prepared(scan_b).without(other)
+    rest = among_movers(moving, still, registration.transform)
     share = max(float(np.mean(big)), float(np.mean(other)))
-    agreed = _agreeing(a, b, pose, ~big)
-    unsaid = rest.converged and bool(rest.reason) and not guessed
-    if rest.converged and not unsaid:
-        return rest if _agreeing(a, b, rest.transform, ~big) > agreed + BETTER else registration
-    # What fits worse than the rest, or fills less than fits of the rest, has not decided it.
-    held = max(_agreeing(a, b, pose, big), _agreeing(b, a, inverse(pose), other))
-    if agreed > min(held, share) and not (unsaid and share > MUCH):
-        return registration
-    reason = f"a near object fills {share:.0%} of a scan; the rest does not tell how the sensor moved"
-    return replace(registration, converged=False, reason=reason)
+    if not guessed and share > MUCH and rest.converged and rest.reason:
+        reason = f"a near object fills {share:.0%} of a scan; the rest leaves a direction of motion open"
+        return replace(registration, converged=False, reason=reason)
+    agreed = _agreeing(a, b, registration.transform, ~big)
+    if rest.converged and _agreeing(a, b, rest.transform, ~big) > agreed + BETTER:
+        return rest
+    if rest.converged and np.abs(between(rest.transform, registration.transform)).max() < SAME:
+        least = LEAST_FILLED if np.mean(big) > 0.5 else 0.0
+    else:
+        least = LEAST if np.mean(big) >= DECIDES else LITTLE
+    if registration.converged and agreed < least and _follows(a, b, registration.transform, big, other):
+        reason = f"a near object fills {np.mean(big):.0%} of the scan and fits, but only {agreed:.0%} of the rest does"
+        return replace(registration, converged=False, reason=reason)
+    return registration
+
+
+def _follows(a: Beams, b: Beams, pose: FloatArray, big: NDArray[np.bool_], other: NDArray[np.bool_]) -> bool:
+    """Whether what is near in either scan, (n,) and (m,), agrees with an answer; else it has not decided it."""
+    shares = (_agreeing(a, b, pose, big), _agreeing(b, a, inverse(pose), other))
+    return max(shares) > FOLLOWED
 
 
 def _agreeing(a: Beams, b: Beams, pose: FloatArray, wanted: NDArray[np.bool_]) -> float:
