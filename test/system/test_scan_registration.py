@@ -401,3 +401,22 @@ def test_a_scanner_that_stops_is_told_of_until_it_goes_on(graph: Graph) -> None:
     assert robot.diagnostics[-1].status[0].level == DiagnosticStatus.WARN
     robot.go(1.5, 1.7)
     graph.until(lambda: said() == "following", "it follows again")
+
+
+def test_stamps_that_nobody_sets_are_told_of(graph: Graph) -> None:
+    robot = Robot(graph)
+    graph.start("scan_registration", segment_scans=False)
+    graph.mount()
+    message = scan_message(robot.scan(0.0))
+    message.header.stamp = time_message(0)
+    for _ in range(15):
+        robot.send(message)
+
+    def said() -> list[str]:
+        return [str(status) for told in robot.diagnostics for status in told.status]
+
+    graph.until(
+        lambda: any("stamps stand still at 0.000" in text for text in said()), "what is wrong is said"
+    )
+    figures = {item.key: item.value for item in robot.diagnostics[-1].status[0].values}
+    assert int(figures["/scan repeated stamps"]) >= 10

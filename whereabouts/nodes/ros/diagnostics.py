@@ -167,6 +167,7 @@ def _input_figures(item: Input, rate: float) -> dict[str, object]:
         f"{name} dropped": counts.dropped,
         f"{name} late": counts.late,
         f"{name} stamp gaps": counts.stamp_gaps,
+        f"{name} repeated stamps": counts.repeated_stamps,
         f"{name} while inactive": counts.inactive,
     }
     figures |= {f"{name} dropped, {reason}": count for reason, count in counts.drops.items()}

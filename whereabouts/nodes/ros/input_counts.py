@@ -23,6 +23,7 @@ class InputCounts:
     lost: int = 0
     reported_lost: int = 0
     stamp_gaps: int = 0
+    repeated_stamps: int = 0
     drops: Counter[str] = field(default_factory=Counter)
 
     @property
@@ -46,11 +47,12 @@ class MessageGaps:
         self.one_publisher: bool | None = None
         self._sequence = 0
         self._periods: deque[int] = deque(maxlen=50)
-        self._last_stamp: int | None = None
+        self.new_run()
 
     def new_run(self) -> None:
         self._periods.clear()
-        self._last_stamp = None
+        self._last_stamp: int | None = None
+        self._alike = 0  # messages in a row with the stamp of the one before
 
     def watch_publishers(self, count: int) -> None:
         """Numbers of several publishers interleave and say nothing."""
@@ -69,6 +71,9 @@ class MessageGaps:
 
     def check_period(self, stamp: int) -> None:
         """A gap between stamps of several usual periods: the sensor or its driver left something out."""
+        repeated = stamp == self._last_stamp
+        self._counts.repeated_stamps += repeated
+        self._alike = self._alike + 1 if repeated else 0
         if self._last_stamp is not None and stamp > self._last_stamp:
             period = stamp - self._last_stamp
             if len(self._periods) >= FEWEST:
@@ -76,6 +81,11 @@ class MessageGaps:
                 self._counts.stamp_gaps += max(0, round(period / usual) - 1) if usual > 0 else 0
             self._periods.append(period)
         self._last_stamp = stamp
+
+    @property
+    def stamps_stand(self) -> bool:
+        """Whether many messages in a row have one stamp: nobody sets it. A few may be several sensors'."""
+        return self._alike >= FEWEST
 
     def stopped(self, silent: int) -> bool:
         """Whether messages came steadily, nearly all at one time between stamps, and have not for `silent` ns."""

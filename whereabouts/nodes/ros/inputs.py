@@ -209,6 +209,12 @@ class Input:
         self.counts.late += late
         if self.tells_time:
             self.gaps.check_period(waiting.stamp)
+            if self.gaps.stamps_stand:
+                self._node.complain(
+                    f"{self.topic}: its stamps stand still at {waiting.stamp / NANOSECONDS:.3f}: who sends it has to "
+                    "set header.stamp to the time of the measurement",
+                    key=(self.topic, "stamps stand"),
+                )
         self._time.take(waiting.stamp, None)
         if self._frames is not None:
             waiting.needed = tuple(self._frames(waiting.message))
