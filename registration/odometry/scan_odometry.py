@@ -39,7 +39,9 @@ LEAST_LINED = 15  # points on lines below which a scan is not registered
 # has stopped meanwhile must not be driven on for ever.
 FADE = 0.5
 CARRIED = 1.5  # m/s, deviation of a sensor that nobody follows: somebody may walk with it
-ANY_HEADING = math.pi / math.sqrt(3.0)  # rad, deviation of a heading of which nothing is known
+# rad, deviation of a heading of which nothing is known: two and a half are half a turn, as far as closures are looked
+# for. More would make places farther off than any heading does: a circle's deviation is its radius.
+ANY_HEADING = math.pi / 2.5
 
 
 class ScanTracker:
