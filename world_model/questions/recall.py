@@ -104,6 +104,11 @@ class Recall:
         present = {item.id: item for item in model.world.objects}
         return cls(now, model.epoch, present, places, model.words.symbols, model.store)
 
+    @property
+    def damage(self) -> str:
+        """What is wrong with the file that is read, a sentence; "" while all is well, or was put right."""
+        return self.store.damages[0] if self.store and self.store.read_only and self.store.damages else ""
+
     def is_now(self, stamp: float) -> bool:
         """Whether a moment is no earlier than a second before the newest that is known."""
         return stamp >= self.now - 1.0
