@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from mcp import Client as McpClient
 from mcp import StdioServerParameters
 from mcp.client.stdio import stdio_client
 from rclpy.action.server import ActionServer, CancelResponse
+from rclpy.task import Future
 from test_world_model import ON_COUNTER, ON_TABLE, World, seen
 
 from estimation.geometry.places import Places
-from whereabouts.nodes.live import live_actions
+from whereabouts.nodes.live import live_actions, searching
 from whereabouts.nodes.live import live_world as live_world_module
 from whereabouts.nodes.live.live_actions import act, find, goal_for
 from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError, live_world
@@ -152,10 +154,38 @@ def test_a_search_that_failed_has_found_nothing(graph: Graph, client: Client) ->
     server.destroy()
 
 
+@pytest.mark.parametrize("started_anew", [False, True])
+def test_a_search_ends_with_the_node_that_searched(
+    graph: Graph, client: Client, monkeypatch: pytest.MonkeyPatch, started_anew: bool
+) -> None:
+    monkeypatch.setattr(searching, "GONE", 100 if started_anew else 2)
+
+    async def search(handle: Any) -> FindObject.Result:
+        handle.publish_feedback(FindObject.Feedback(reason="no cup seen"))
+        await Future(executor=graph.executor)
+        return FindObject.Result()
+
+    def until(done: Callable[[], bool], what: str) -> None:
+        graph.until(lambda: client.spin() or done(), what)
+
+    server = ActionServer(graph.node, FindObject, "find_object", search)
+    searches, steps = searching.Searches(client.node), []
+    until(lambda: searches.ready, "somebody searches")
+    asked = searches.ask(goal_for("red cup", None), steps.append)
+    until(lambda: bool(steps), "a step of the search")
+    server.destroy()
+    until(lambda: searches._gone > 0, "nobody searches")
+    if started_anew:
+        server = ActionServer(graph.node, FindObject, "find_object", search)
+    until(lambda: asked.result is not None, "the search is over")
+    assert "its log says why" in asked.result.message
+    searches.destroy()
+    if started_anew:
+        server.destroy()
+
+
 async def _soon(graph: Graph) -> None:
     """Give way once."""
-    from rclpy.task import Future
-
     future: Future = Future(executor=graph.executor)
     timer = graph.node.create_timer(0.02, lambda: future.done() or future.set_result(None))
     await future

@@ -391,7 +391,11 @@ def ask(
 def answered(world: Recall, call: Callable[[Recall], Answer]) -> Answer:
     """The answer of a call; what it raises about the question is an answer, too. One from a damaged store says so."""
     answer = _answered(world, call)
-    return replace(answer, sentence=f"{answer.sentence} ({clean(world.damage, 400)})") if world.damage else answer
+    return (
+        replace(answer, sentence=f"{answer.sentence} ({clean(world.damage, 400)})")
+        if world.damage
+        else answer
+    )
 
 
 def _answered(world: Recall, call: Callable[[Recall], Answer]) -> Answer:
