@@ -38,6 +38,7 @@ UNITS = {
     "year": 31536000.0,
 }  # fmt: skip
 JUST_NOW, HALF_DAY = 300.0, 43200.0  # s
+AROUND = 1800.0  # s before and after a moment that comes every day
 DAYTIME = 6.0  # h: an hour that is only counted to twelve is not meant before it
 
 _SPELLED = rf"(?:(?:{'|'.join(TENS)})(?:[- ](?:{'|'.join(NUMBERS[1:10])}))?|{'|'.join(reversed(NUMBERS))})"
@@ -58,10 +59,10 @@ _DATE = r"\d{4}-\d{2}-\d{2}"
 _ISO = rf"{_DATE}(?:[t ]\d{{2}}:\d{{2}}(?::\d{{2}}(?:\.\d+)?)?(?:z|[+-]\d{{2}}:?\d{{2}})?)"
 _PART = (
     r"(?:(?:(?:in|during|at) )?(?:the )?(?:early |late |first thing |first thing in the )?"
-    rf"(?:{'|'.join(sorted(PARTS, key=len, reverse=True))}))"
+    rf"(?:{'|'.join(sorted(PARTS, key=len, reverse=True))})s?)"
 )
 _WEEKDAY = (
-    rf"(?:(?:on )?(?:last |this |past |this past |next )?(?:{'|'.join(DAYS)})"
+    rf"(?:(?:on )?(?:last |this |past |this past |next )?(?:{'|'.join(DAYS)})s?"
     r"|(?:on|last) (?:mon|tues?|wed|thu(?:rs?)?|fri|sat|sun))"
 )
 _DAY = (
@@ -166,6 +167,26 @@ def extract(text: str, now: float) -> tuple[str, Span | None, str]:
     elif word in ("before", "until", "till", "by"):
         span, word = Span(span.start, span.start, span.words), "until"
     return _without(text, found), span, word
+
+
+def recurring(span: Span, now: float, past: float) -> list[tuple[float, float]]:
+    """A time of day, a weekday or both on each day of the last `past` s, from and to in s; [] of what comes once.
+
+    A moment stands for the hour around it.
+    """
+    weekday = rf"(?:on )?(?:{'|'.join(DAYS)})s?"
+    atom = rf"(?:{_PART}|{_CLOCK}|{weekday})"
+    if not re.fullmatch(rf"{atom}(?:,? {atom}){{0,2}}", span.words):
+        return []
+    step = 7 if re.search(weekday, span.words) else 1
+    day = datetime.fromtimestamp(span.start)
+    long = span.end - span.start
+    if not re.search(rf"{_PART}|{_CLOCK}", span.words):
+        long = timedelta(days=1).total_seconds()
+    early = 0.0 if span.lasts else AROUND
+    begun = ((day - timedelta(days=k)).timestamp() - early for k in range(0, 1 + int(past / 86400.0), step))
+    spans = ((max(start, now - past), min(start + long + 2.0 * early, now)) for start in begun)
+    return [(start, end) for start, end in spans if end > start]
 
 
 def ahead(text: str, now: float) -> tuple[str, Span | None]:
@@ -352,7 +373,7 @@ def _when(text: str, now: datetime, coming: bool = False) -> Pair:
         text = _without(text, match) if match else text
     day = bool(found["day"])
     begin = _day(found["day"], now, coming) if day else _midnight(now)
-    part = found["part"]
+    part = found["part"].removesuffix("s")
     low, high = next(
         (PARTS[name] for name in sorted(PARTS, key=len, reverse=True) if part.endswith(name)), (0, 24)
     )
@@ -393,6 +414,7 @@ _PHRASES: tuple[tuple[str, Reader], ...] = (  # of two that begin alike the long
         rf"(?:(?:in|during|within|over|for) )?(?:the|these) (?:last|past) (?:{_NUMBER} )?{_UNIT}",
         lambda text, now: _lately(_seconds_of(re.sub(r"^.*?\b(last|past) ", "", text)), now),
     ),
+    (rf"for {_AMOUNT}", lambda text, now: _lately(_seconds_of(text), now)),
     (r"(?:this|last|the previous) (?:week|month|year)|the week", _week),
     (r"(?:(?:(?:on|at|over|during) )?the|this|(?:over )?(?:the )?last) weekend", _weekend),
     (r"just now|a moment ago|a (?:short|little) while ago", lambda text, now: _lately(JUST_NOW, now)),
