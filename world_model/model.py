@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import as_stamp, as_vectors, require_word
+from estimation.checks import as_stamp, as_vectors, require_kind, require_word
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.anchoring.anchoring import Anchoring
@@ -49,6 +50,8 @@ class WorldModel:
         looks_back: bool = True,
         behaviors: Mapping[str, Behavior] | None = None,
     ) -> None:
+        require_kind("config", config, WorldModelConfig, NoneType)
+        require_kind("places", places, Places, NoneType)
         self.config = config or WorldModelConfig()
         self.places = places
         self.store = Store(store) if isinstance(store, (str, Path)) else store

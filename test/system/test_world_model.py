@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from visualization_msgs.msg import MarkerArray
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.ros.qos import HEARD_LATCHED, TF_STATIC_QOS
+from whereabouts.nodes.world.seen_frames import SeenFrames
 from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts_msgs.msg import (
     Attribute,
@@ -321,6 +323,17 @@ def test_frames_are_taken_at_the_stamp_and_covariances_turned(graph: Graph) -> N
     pose.pose.pose.orientation.w = 1.0
     world.send(pose, "robot_pose")
     assert "robot_pose is in frame 'odom', expected 'map'" in graph.log(world.spec)
+
+
+def test_a_pose_without_a_covariance_is_as_uncertain_as_configured() -> None:
+    settings = SimpleNamespace(position_sigma=0.1, heading_sigma=0.05)
+    seen = SeenFrames(SimpleNamespace(add_input=lambda *given, **named: None, settings=settings), "map")  # type: ignore[arg-type]
+    pose = PoseWithCovarianceStamped()
+    pose.header.frame_id, pose.pose.pose.orientation.w = "map", 1.0
+    for variance, used in ((0.04, [0.04] * 3), (0.0, [0.01, 0.01, 0.0025]), (-1.0, [0.01, 0.01, 0.0025])):
+        pose.pose.covariance = (variance * np.eye(6)).ravel()
+        seen._take_pose(pose, 0)
+        np.testing.assert_allclose(np.diag(seen._pose_covariance(0)), used)
 
 
 def detection(position: tuple[float, ...], scores: dict[str, float]) -> Detection3D:

@@ -277,6 +277,12 @@ def test_detections_in_unknown_words_can_be_left_out() -> None:
     assert model.usable(good) == (good, {})
 
 
+@pytest.mark.parametrize("given", [{"config": {"classes": ["cup"]}}, {"places": "home.yaml"}])
+def test_settings_of_another_kind_are_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=next(iter(given))):
+        WorldModel(**given)
+
+
 @pytest.mark.parametrize(
     "sensor",
     [
@@ -285,6 +291,7 @@ def test_detections_in_unknown_words_can_be_left_out() -> None:
         {"pose": (0, 0, 0, 0), "range": -1, "angle": 1},
         {"pose": (0, 0, 0, 0), "range": 1, "angle": 7.0},
         {"pose": (0, 0, 0, np.nan), "range": 1, "angle": 1},
+        {"pose": (0, 0, 0, 0), "range": 1, "angle": 1, "fov": 1},
     ],
 )
 def test_bad_sensor_is_refused(sensor: dict[str, Any]) -> None:

@@ -8,10 +8,12 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, wraps
+from types import NoneType
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
+from estimation.checks import require_kind
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.memory.stays import APART, AWAY, MOST, PlaceWords, Timeline, timeline_of
@@ -377,6 +379,8 @@ def recall(source: object, places: Places | None = None, symbols: Symbols | None
 
     Raises InputError for anything else.
     """
+    require_kind("places", places, Places, NoneType)
+    require_kind("symbols", symbols, Symbols, NoneType)
     if isinstance(source, Recall):
         return source
     if isinstance(source, Store):
