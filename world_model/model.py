@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import as_stamp, as_vectors, require_kind, require_word
+from estimation.checks import FloatArray, as_stamp, as_vectors, require_kind, require_word
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.anchoring.anchoring import Anchoring
@@ -140,6 +140,16 @@ class WorldModel:
         if wordless:
             kept += [replace(objects[index], attributes={}, quantities={}, begins=False) for index in refused]
         return replace(evidence, objects=kept), refused
+
+    def outside(self, evidence: WorldEvidence) -> FloatArray:
+        """Positions (N, 3), m, of detections that are farther from the region than it is wide; they count nevertheless.
+
+        That is no region stated too small: their unit or frame is another one.
+        """
+        spots = np.array([item.position for item in evidence.objects], dtype=np.float64).reshape(-1, 3)
+        low, high = np.array(self.config.region, dtype=np.float64).T
+        wide = (high - low).max()
+        return spots[((spots < low - wide) | (spots > high + wide)).any(axis=1)]
 
     def _recorded(self, state: WorldState) -> WorldState:
         if self.store is not None:

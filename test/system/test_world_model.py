@@ -367,6 +367,10 @@ def test_detections_and_people_come_by_their_topics(graph: Graph) -> None:
     graph.until(
         lambda: world.figures().get("people in other evidence, ignored") == "16", "the account of people"
     )
+    message = Detection3DArray(detections=[detection([1000.0 * x for x in ON_TABLE], {"cup": 0.7})])
+    message.header.stamp, message.header.frame_id = time_message(stamp(9.0)), "map"
+    world.send(message, "detections")
+    assert "at 2000.0, 1600.0, 800.0 m is far from the parameter region" in graph.log(world.spec)
 
 
 def test_hidden_people_are_where_the_predictor_says(graph: Graph) -> None:

@@ -106,7 +106,7 @@ class WorldModelNode(SuiteNode):
         self._predictions: dict[str, Path] = {}
         self.camera.reset()
         self._left_out = 0
-        self._refused = 0
+        self._refused = self._outside = 0
 
     @property
     def model(self) -> WorldModel:
@@ -138,6 +138,7 @@ class WorldModelNode(SuiteNode):
         figures["updates"] = self._updates
         figures["people in other evidence, ignored"] = self._left_out
         figures["detections with unknown words, ignored"] = self._refused
+        figures["detections far from the region"] = self._outside
         if self.camera.cameras.lenses:
             figures["detections without a place, ignored"] = self.camera.unplaced
             figures["looks without depth, absence not counted"] = self.camera.without_depth
@@ -247,6 +248,14 @@ class WorldModelNode(SuiteNode):
         self._refused += len(refused)
         for reason in refused.values():
             self.complain(f"a detection is ignored: {reason}", key="words")
+        outside = self.model.outside(kept)
+        self._outside += len(outside)
+        for x, y, z in outside:
+            self.complain(
+                f"a detection at {x:.1f}, {y:.1f}, {z:.1f} m is far from the parameter region: are its unit, its frame "
+                "and the region right?",
+                key="region",
+            )
         return kept, refused
 
     def _update(self, evidence: WorldEvidence, stamp: int) -> WorldState:
