@@ -26,7 +26,8 @@ from whereabouts.nodes.live.live_actions import act, find, goal_for
 from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError, live_world
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldObject
-from world_model import ask
+from world_model import WorldState, ask
+from world_model.memory.store import Store
 
 
 @pytest.fixture
@@ -105,6 +106,19 @@ def test_other_places_are_those_of_the_question(graph: Graph, client: Client) ->
     stage = Places.from_mapping({"places": {"stage": {"polygon": around, "kind": "furniture"}}})
     with live_world(client, stage) as known:
         assert ask(known, "where is the red cup?").value == "stage"
+
+
+def test_a_store_that_is_not_the_one_of_the_node_is_not_asked(
+    graph: Graph, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world, path = World(graph), tmp_path / "world.sqlite"
+    world.look(0.0, 12, seen(ON_TABLE, "cup", "red"))
+    with Store(path) as other:
+        other.record(WorldState((), 1.0, 0.0, 500.0))
+    monkeypatch.setattr(Client, "parameters", lambda self, *names: [str(path), "", ""])
+    with live_world(client) as known:
+        assert known.store is None
+        assert set(known.present) == {"cup-1"}
 
 
 def test_a_search_tells_its_steps_and_is_cancelled(
