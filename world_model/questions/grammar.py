@@ -26,7 +26,7 @@ from world_model.questions.answers import (
     iso,
     listed,
 )
-from world_model.questions.moments import Span, ahead, extract
+from world_model.questions.moments import Span, ahead, extract, moment
 from world_model.questions.naming import PREPOSITIONS, is_person, name_words, phrases, things_named
 from world_model.questions.recall import Recall, Trust, recall
 from world_model.questions.wording import plainly, respelled, simply
@@ -124,7 +124,8 @@ class ParsedQuestion:
     @property
     def daily(self) -> Span | None:
         """The time of what is usual then; "since" that time it is not one that comes again."""
-        return self.span and replace(self.span, words=f"{self.word} {self.span.words}".strip())
+        word = "" if self.word == "between" else self.word
+        return self.span and replace(self.span, words=f"{word} {self.span.words}".strip())
 
     @property
     def always(self) -> Recall:
@@ -495,6 +496,8 @@ def _each(call: Call, q: ParsedQuestion) -> Answer:
     parts = re.split(r",? or |, ", getattr(q, name)) if name else [""]
     if len(parts) < 2 or any(_UNREAD.search(part) for part in parts):
         return call(q)
+    if any(_is_time(part, q.world.now) for part in parts[1:]):
+        raise NotUnderstoodError("I can only tell of one time; ask for the other again.")
     answers, unknown = [], []
     for part in parts:
         try:
@@ -507,6 +510,14 @@ def _each(call: Call, q: ParsedQuestion) -> Answer:
     best = next((answer for answer in answers if answer.value), answers[0])
     told_of = " ".join([*(answer.sentence for answer in answers), *map(str, unknown)])
     return replace(best, sentence=told_of, probability=math.prod(answer.probability for answer in answers))
+
+
+def _is_time(words: str, now: float) -> bool:
+    try:
+        moment(words, now)
+    except InputError:
+        return False
+    return True
 
 
 def _fitting(text: str) -> Iterator[tuple[Call, dict[str, str]]]:

@@ -59,10 +59,10 @@ _DATE = r"\d{4}-\d{2}-\d{2}"
 _ISO = rf"{_DATE}(?:[t ]\d{{2}}:\d{{2}}(?::\d{{2}}(?:\.\d+)?)?(?:z|[+-]\d{{2}}:?\d{{2}})?)"
 _PART = (
     r"(?:(?:(?:in|during|at) )?(?:the )?(?:early |late |first thing |first thing in the )?"
-    rf"(?:{'|'.join(sorted(PARTS, key=len, reverse=True))})s?)"
+    rf"(?:{'|'.join(sorted(PARTS, key=len, reverse=True))}))"
 )
 _WEEKDAY = (
-    rf"(?:(?:on )?(?:last |this |past |this past |next )?(?:{'|'.join(DAYS)})s?"
+    rf"(?:(?:on )?(?:last |this |past |this past |next )?(?:{'|'.join(DAYS)})"
     r"|(?:on|last) (?:mon|tues?|wed|thu(?:rs?)?|fri|sat|sun))"
 )
 _DAY = (
@@ -131,7 +131,7 @@ def moment(words: str | float, now: float) -> Span:
     if isinstance(words, Real) and not isinstance(words, bool):
         stamp = as_stamp("time", words)
         return Span(stamp, stamp, str(words))
-    text = re.sub(rf"^{_WORD} ", "", _rewritten(" ".join(str(words).lower().split())))
+    text = re.sub(rf"^{_WORD} ", "", _rewritten(" ".join(str(words).lower().split()), now))
     for pattern, reader in (*_PHRASES, (_BARE, _when)):
         if _compiled(pattern).fullmatch(text):
             return _span(reader, text, now)
@@ -143,7 +143,7 @@ def moment(words: str | float, now: float) -> Span:
 
 def extract(text: str, now: float) -> tuple[str, Span | None, str]:
     """A question without its time, the time, and the word before it ("since"); lower-case text, single spaces."""
-    text = _rewritten(text)
+    text = _rewritten(text, now)
     found = _compiled(_RANGE).search(text)
     if found:
         rest = _without(text, found)
@@ -174,14 +174,15 @@ def recurring(span: Span, now: float, past: float) -> list[tuple[float, float]]:
 
     A moment stands for the hour around it.
     """
-    weekday = rf"(?:on )?(?:{'|'.join(DAYS)})s?"
+    weekday = rf"(?:on )?(?:{'|'.join(DAYS)})"
     atom = rf"(?:{_PART}|{_CLOCK}|{weekday})"
-    if not re.fullmatch(rf"{atom}(?:,? {atom}){{0,2}}", span.words):
+    between = rf"(?:between|from) (?:at )?{_TIME} (?:and|to|until|till) (?:at )?{_TIME}"
+    if not re.fullmatch(rf"{atom}(?:,? {atom}){{0,2}}|{between}", span.words):
         return []
     step = 7 if re.search(weekday, span.words) else 1
     day = datetime.fromtimestamp(span.start)
     long = span.end - span.start
-    if not re.search(rf"{_PART}|{_CLOCK}", span.words):
+    if not re.search(rf"{_PART}|{_TIME}", span.words):
         long = timedelta(days=1).total_seconds()
     early = 0.0 if span.lasts else AROUND
     begun = ((day - timedelta(days=k)).timestamp() - early for k in range(0, 1 + int(past / 86400.0), step))
@@ -191,7 +192,7 @@ def recurring(span: Span, now: float, past: float) -> list[tuple[float, float]]:
 
 def ahead(text: str, now: float) -> tuple[str, Span | None]:
     """A question about the future without its time, and the time; lower-case text, single spaces."""
-    text = _rewritten(text)
+    text = _rewritten(text, now)
     found = max(_compiled(_AHEAD).finditer(text), key=lambda each: len(each[0]), default=None)
     if found is None:
         return text, None
@@ -200,7 +201,9 @@ def ahead(text: str, now: float) -> tuple[str, Span | None]:
     return _without(text, found), span or _span(lambda text, at: _when(text, at, True), found["phrase"], now)
 
 
-def _rewritten(text: str) -> str:
+def _rewritten(text: str, now: float) -> str:
+    if "same time" in text or "this time" in text:
+        text = re.sub(r"\bat (?:about )?(?:this|the same) time\b", f"at {clock(now)[11:]}", text)
     for pattern, other in _SAID_AS:
         text = re.sub(pattern, other, text)
     return text
@@ -373,7 +376,7 @@ def _when(text: str, now: datetime, coming: bool = False) -> Pair:
         text = _without(text, match) if match else text
     day = bool(found["day"])
     begin = _day(found["day"], now, coming) if day else _midnight(now)
-    part = found["part"].removesuffix("s")
+    part = found["part"]
     low, high = next(
         (PARTS[name] for name in sorted(PARTS, key=len, reverse=True) if part.endswith(name)), (0, 24)
     )
