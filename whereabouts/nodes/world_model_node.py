@@ -237,7 +237,16 @@ class WorldModelNode(SuiteNode):
             kept = [item for item in evidence.objects if not most_probably(item, PERSON)]
             self._left_out += len(evidence.objects) - len(kept)
             evidence.objects = kept
-        return self._usable(evidence)[0]
+        evidence, _ = self._usable(evidence)
+        outside = self.model.outside(evidence)
+        self._outside += len(outside)
+        for x, y, z in outside:
+            self.complain(
+                f"a detection at {x:.1f}, {y:.1f}, {z:.1f} m is far from the parameter region: are its unit, its frame "
+                "and the region right?",
+                key="region",
+            )
+        return evidence
 
     def _usable(self, evidence: WorldEvidence) -> tuple[WorldEvidence, dict[int, str]]:
         """Without detections of classes or attributes that nobody knows: these are said and counted.
@@ -248,14 +257,6 @@ class WorldModelNode(SuiteNode):
         self._refused += len(refused)
         for reason in refused.values():
             self.complain(f"a detection is ignored: {reason}", key="words")
-        outside = self.model.outside(kept)
-        self._outside += len(outside)
-        for x, y, z in outside:
-            self.complain(
-                f"a detection at {x:.1f}, {y:.1f}, {z:.1f} m is far from the parameter region: are its unit, its frame "
-                "and the region right?",
-                key="region",
-            )
         return kept, refused
 
     def _update(self, evidence: WorldEvidence, stamp: int) -> WorldState:

@@ -184,6 +184,12 @@ def _is_at(q: ParsedQuestion) -> Answer:
         all_there = many.value == known
         said = f"{'Yes' if all_there else 'No'}, {many.value} of {known}. {many.sentence}"
         return replace(many, kind="is_at", value=all_there, sentence=said)
+    if q.span is not None and q.span.words.startswith("for "):
+        long = past.how_long_there(q.world, q.what, q.place)
+        there = (long.value or 0.0) >= q.span.end - q.span.start
+        return replace(
+            long, kind="is_at", value=there, sentence=f"{'Yes' if there else 'No'}: {long.sentence}"
+        )
     if q.verb == "was" and q.span is None:
         last = past.when_last_at(q.world, q.what, q.place)
         return replace(last, kind="is_at", value=last.value is not None)

@@ -174,7 +174,7 @@ def recurring(span: Span, now: float, past: float) -> list[tuple[float, float]]:
 
     A moment stands for the hour around it.
     """
-    weekday = rf"(?:on )?(?:{'|'.join(DAYS)})"
+    weekday = rf"(?:on )?(?:{'|'.join(DAYS)})|(?:on|at) the weekend"
     atom = rf"(?:{_PART}|{_CLOCK}|{weekday})"
     between = rf"(?:between|from) (?:at )?{_TIME} (?:and|to|until|till) (?:at )?{_TIME}"
     if not re.fullmatch(rf"{atom}(?:,? {atom}){{0,2}}|{between}", span.words):
@@ -183,7 +183,7 @@ def recurring(span: Span, now: float, past: float) -> list[tuple[float, float]]:
     day = datetime.fromtimestamp(span.start)
     long = span.end - span.start
     if not re.search(rf"{_PART}|{_TIME}", span.words):
-        long = timedelta(days=1).total_seconds()
+        long = timedelta(days=1 + ("weekend" in span.words)).total_seconds()
     early = 0.0 if span.lasts else AROUND
     begun = ((day - timedelta(days=k)).timestamp() - early for k in range(0, 1 + int(past / 86400.0), step))
     spans = ((max(start, now - past), min(start + long + 2.0 * early, now)) for start in begun)

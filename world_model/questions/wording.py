@@ -71,6 +71,7 @@ _ORDER = (
     (r"\b(?:every|each) (?=(?:morning|afternoon|evening|night)\b)", "usually in the "),
     (r"\b(?:every|each) (?=\w+day\b)", "usually on "),
     (r"\b(?:on )?((?:mon|tues|wednes|thurs|fri|satur|sun)day)s\b", r"usually on \1"),
+    (r"\b(?:on |at )?(?:every weekend|(?:the )?weekends)\b", "usually at the weekend"),
     (r"\bin the (morning|afternoon|evening)s\b", r"usually in the \1"),
     (r"^who (is|was) (?:the )?last(?: one| to be)?\b(?! person)", r"who \1 the last person"),
     (r"^where here\b", "where"),
