@@ -447,6 +447,35 @@ def test_how_good_the_detector_is_is_learned_while_driving() -> None:
     assert kitchen.rates.missed.sum() - before < 6
 
 
+def test_a_camera_says_nothing_of_classes_that_its_detector_does_not_know_and_others_find(
+    tmp_path: Path,
+) -> None:
+    rates, rng = SightRates(), np.random.default_rng(3)
+    model = WorldModel(
+        WorldModelConfig(classes=["cup", "bowl"], region=((-1.0, 6.0), (-3.0, 3.0), (-0.5, 2.5)))
+    )
+    things, knows = {"cup": (2.0, 0.3, 1.0), "bowl": (2.2, -0.3, 1.0)}, {"left": "cup", "right": "bowl"}
+    here = []
+    for step in range(240):
+        camera = ("left", "right")[step // 16 % 2]
+        kind = knows[camera]
+        spot = np.array(things[kind]) + rng.normal(0.0, 0.01, 3)
+        seen = [
+            ObjectEvidence(spot, 1e-4 * np.eye(3), {"class": {kind: 0.9, ({*things} - {kind}).pop(): 0.1}})
+        ]
+        view = CameraView(lens(), FORWARD, rates=rates, name=camera)
+        state = model.update(WorldEvidence(seen, view=view), 0.25 * step)
+        here.append({item.most_probable("class") for item in state.objects})
+    assert all(found == {"cup", "bowl"} for found in here[120:])
+    assert rates.reported("left", ["cup", "bowl"]) == pytest.approx([1.0, 0.0], abs=0.1)
+    assert rates.missed.sum() == 0.0
+    rates.write(tmp_path / "kept")
+    again = SightRates()
+    again.read(tmp_path / "kept")
+    assert again.figures() == rates.figures()
+    assert again.figures()["classes that right does not know"] == "cup"
+
+
 def test_what_was_learned_of_the_detector_is_kept_and_damage_is_told(tmp_path: Path) -> None:
     rates = SightRates()
     rates.found[3], rates.missed[3], rates.looks = 90.0, 10.0, 120
