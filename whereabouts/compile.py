@@ -16,6 +16,7 @@ from pathlib import Path
 import loop_closure.loop_closure_warm_up
 import registration.registration_warm_up
 import tracking.people.people_warm_up
+import whereabouts.messages.compressed_depth
 import world_model.tasks.maintenance
 import world_model.warm_up
 from registration.crf.online import ScanSegmenter
@@ -40,6 +41,7 @@ def _motion_prediction() -> None:
 def _world_model() -> None:
     world_model.warm_up.warm_up()
     world_model.tasks.maintenance.warm_up()
+    whereabouts.messages.compressed_depth.warm_up()
 
 
 # What takes longest first.

@@ -16,6 +16,7 @@ from estimation.filters.gaussians import repair_covariance
 from world_model.camera.camera_view import CameraView
 
 Distribution = Mapping[str, float]
+SENSOR = {"pose", "range", "angle", "range_min", "vertical_angle"}
 SUM_TOLERANCE = 0.01
 SMALLEST_VARIANCE = 1e-8
 """m²; a detector that claims to be better than 0.1 mm in some direction is not believed."""
@@ -89,6 +90,8 @@ class SensorCone:
             raise InputError(
                 f'sensor must be {{"pose": (x, y, z, yaw), "range": m, "angle": rad}}, not {given!r}'
             ) from error
+        if unknown := set(given) - SENSOR:
+            raise InputError(f"sensor has unknown fields {sorted(unknown)}; known are {sorted(SENSOR)}")
         pose = as_finite("sensor pose", pose)
         if pose.shape != (4,):
             raise InputError(f"sensor pose must be (x, y, z, yaw), not of shape {pose.shape}")

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from estimation.checks import as_stamp, as_vectors, require_word
+from estimation.checks import FloatArray, as_stamp, as_vectors, require_kind, require_word
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.anchoring.anchoring import Anchoring
@@ -49,6 +50,8 @@ class WorldModel:
         looks_back: bool = True,
         behaviors: Mapping[str, Behavior] | None = None,
     ) -> None:
+        require_kind("config", config, WorldModelConfig, NoneType)
+        require_kind("places", places, Places, NoneType)
         self.config = config or WorldModelConfig()
         self.places = places
         self.store = Store(store) if isinstance(store, (str, Path)) else store
@@ -137,6 +140,16 @@ class WorldModel:
         if wordless:
             kept += [replace(objects[index], attributes={}, quantities={}, begins=False) for index in refused]
         return replace(evidence, objects=kept), refused
+
+    def outside(self, evidence: WorldEvidence) -> FloatArray:
+        """Positions (N, 3), m, of detections that are farther from the region than it is wide; they count nevertheless.
+
+        That is no region stated too small: their unit or frame is another one.
+        """
+        spots = np.array([item.position for item in evidence.objects], dtype=np.float64).reshape(-1, 3)
+        low, high = np.array(self.config.region, dtype=np.float64).T
+        wide = (high - low).max()
+        return spots[((spots < low - wide) | (spots > high + wide)).any(axis=1)]
 
     def _recorded(self, state: WorldState) -> WorldState:
         if self.store is not None:

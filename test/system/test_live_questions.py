@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,18 @@ from mcp import Client as McpClient
 from mcp import StdioServerParameters
 from mcp.client.stdio import stdio_client
 from rclpy.action.server import ActionServer, CancelResponse
+from rclpy.task import Future
 from test_world_model import ON_COUNTER, ON_TABLE, World, seen
 
 from estimation.geometry.places import Places
-from whereabouts.nodes.live import live_actions
+from whereabouts.nodes.live import live_actions, searching
 from whereabouts.nodes.live import live_world as live_world_module
 from whereabouts.nodes.live.live_actions import act, find, goal_for
 from whereabouts.nodes.live.live_world import PATIENCE, Client, NoWorldError, live_world
 from whereabouts_msgs.action import FindObject
 from whereabouts_msgs.msg import WorldObject
-from world_model import ask
+from world_model import WorldState, ask
+from world_model.memory.store import Store
 
 
 @pytest.fixture
@@ -105,6 +108,19 @@ def test_other_places_are_those_of_the_question(graph: Graph, client: Client) ->
         assert ask(known, "where is the red cup?").value == "stage"
 
 
+def test_a_store_that_is_not_the_one_of_the_node_is_not_asked(
+    graph: Graph, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world, path = World(graph), tmp_path / "world.sqlite"
+    world.look(0.0, 12, seen(ON_TABLE, "cup", "red"))
+    with Store(path) as other:
+        other.record(WorldState((), 1.0, 0.0, 500.0))
+    monkeypatch.setattr(Client, "parameters", lambda self, *names: [str(path), "", ""])
+    with live_world(client) as known:
+        assert known.store is None
+        assert set(known.present) == {"cup-1"}
+
+
 def test_a_search_tells_its_steps_and_is_cancelled(
     graph: Graph, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,10 +168,38 @@ def test_a_search_that_failed_has_found_nothing(graph: Graph, client: Client) ->
     server.destroy()
 
 
+@pytest.mark.parametrize("started_anew", [False, True])
+def test_a_search_ends_with_the_node_that_searched(
+    graph: Graph, client: Client, monkeypatch: pytest.MonkeyPatch, started_anew: bool
+) -> None:
+    monkeypatch.setattr(searching, "GONE", 100 if started_anew else 2)
+
+    async def search(handle: Any) -> FindObject.Result:
+        handle.publish_feedback(FindObject.Feedback(reason="no cup seen"))
+        await Future(executor=graph.executor)
+        return FindObject.Result()
+
+    def until(done: Callable[[], bool], what: str) -> None:
+        graph.until(lambda: client.spin() or done(), what)
+
+    server = ActionServer(graph.node, FindObject, "find_object", search)
+    searches, steps = searching.Searches(client.node), []
+    until(lambda: searches.ready, "somebody searches")
+    asked = searches.ask(goal_for("red cup", None), steps.append)
+    until(lambda: bool(steps), "a step of the search")
+    server.destroy()
+    until(lambda: searches._gone > 0, "nobody searches")
+    if started_anew:
+        server = ActionServer(graph.node, FindObject, "find_object", search)
+    until(lambda: asked.result is not None, "the search is over")
+    assert "its log says why" in asked.result.message
+    searches.destroy()
+    if started_anew:
+        server.destroy()
+
+
 async def _soon(graph: Graph) -> None:
     """Give way once."""
-    from rclpy.task import Future
-
     future: Future = Future(executor=graph.executor)
     timer = graph.node.create_timer(0.02, lambda: future.done() or future.set_result(None))
     await future

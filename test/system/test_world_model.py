@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from visualization_msgs.msg import MarkerArray
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.ros.qos import HEARD_LATCHED, TF_STATIC_QOS
+from whereabouts.nodes.world.seen_frames import SeenFrames
 from whereabouts.parameters.world_model import WorldModelParameters
 from whereabouts_msgs.msg import (
     Attribute,
@@ -323,6 +325,17 @@ def test_frames_are_taken_at_the_stamp_and_covariances_turned(graph: Graph) -> N
     assert "robot_pose is in frame 'odom', expected 'map'" in graph.log(world.spec)
 
 
+def test_a_pose_without_a_covariance_is_as_uncertain_as_configured() -> None:
+    settings = SimpleNamespace(position_sigma=0.1, heading_sigma=0.05)
+    seen = SeenFrames(SimpleNamespace(add_input=lambda *given, **named: None, settings=settings), "map")  # type: ignore[arg-type]
+    pose = PoseWithCovarianceStamped()
+    pose.header.frame_id, pose.pose.pose.orientation.w = "map", 1.0
+    for variance, used in ((0.04, [0.04] * 3), (0.0, [0.01, 0.01, 0.0025]), (-1.0, [0.01, 0.01, 0.0025])):
+        pose.pose.covariance = (variance * np.eye(6)).ravel()
+        seen._take_pose(pose, 0)
+        np.testing.assert_allclose(np.diag(seen._pose_covariance(0)), used)
+
+
 def detection(position: tuple[float, ...], scores: dict[str, float]) -> Detection3D:
     item = Detection3D()
     item.bbox.center.position = Point(**dict(zip("xyz", map(float, position), strict=True)))
@@ -354,6 +367,10 @@ def test_detections_and_people_come_by_their_topics(graph: Graph) -> None:
     graph.until(
         lambda: world.figures().get("people in other evidence, ignored") == "16", "the account of people"
     )
+    message = Detection3DArray(detections=[detection([1000.0 * x for x in ON_TABLE], {"cup": 0.7})])
+    message.header.stamp, message.header.frame_id = time_message(stamp(9.0)), "map"
+    world.send(message, "detections")
+    assert "at 2000.0, 1600.0, 800.0 m is far from the parameter region" in graph.log(world.spec)
 
 
 def test_hidden_people_are_where_the_predictor_says(graph: Graph) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -278,6 +279,53 @@ def packed(pixels: np.ndarray, encoding: str, head: bytes) -> SimpleNamespace:
     return SimpleNamespace(format=f"{encoding}; compressedDepth png", data=head + png.getvalue())
 
 
+def rolled(pixels: np.ndarray, encoding: str, head: bytes) -> SimpleNamespace:
+    """As RVL writes it (Wilson 2017), number by number."""
+    nibbles: list[int] = []
+
+    def write(number: int) -> None:
+        while True:
+            nibbles.append(number & 7 | (8 if number > 7 else 0))
+            number >>= 3
+            if not number:
+                return
+
+    flat, at, before = pixels.ravel().astype(int).tolist(), 0, 0
+    while at < len(flat):
+        first = next((k for k in range(at, len(flat)) if flat[k]), len(flat))
+        last = next((k for k in range(first, len(flat)) if not flat[k]), len(flat))
+        write(first - at)
+        write(last - first)
+        for depth in flat[first:last]:
+            step, before = depth - before, depth
+            write(2 * step if step >= 0 else -2 * step - 1)
+        at = last
+    nibbles += [0] * (-len(nibbles) % 8)
+    words = [
+        sum(each << (28 - 4 * k) for k, each in enumerate(nibbles[n : n + 8]))
+        for n in range(0, len(nibbles), 8)
+    ]
+    data = struct.pack(f"<II{len(words)}I", *pixels.shape[::-1], *words)
+    return SimpleNamespace(format=f"{encoding}; compressedDepth rvl", data=head + data)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_depth_images_of_rvl_are_those_that_were_packed_and_damage_is_refused(share: float) -> None:
+    rng = np.random.default_rng(4)
+    pixels = np.where(rng.random((13, 17)) < share, rng.integers(1, 65536, (13, 17)), 0).astype(np.uint16)
+    message = rolled(pixels, "16UC1", bytes(12))
+    wanted = np.where(pixels > 0, 1e-3 * pixels.astype(float), np.nan)
+    np.testing.assert_allclose(depth_from_message(message).metres, wanted, rtol=1e-6)
+    for cut in (0, 11, 19, 20, len(message.data) - 4):
+        with pytest.raises(InputError, match=r"data: .*RVL"):
+            depth_from_message(SimpleNamespace(format=message.format, data=message.data[:cut]))
+    for _ in range(200):
+        damaged = bytearray(message.data)
+        damaged[rng.integers(12, len(damaged))] ^= 1 << rng.integers(8)
+        with suppress(InputError):
+            depth_from_message(SimpleNamespace(format=message.format, data=bytes(damaged)))
+
+
 def test_compressed_depth_images_are_those_that_were_compressed() -> None:
     millimetres = np.array([[0, 800, 65535], [1234, 1, 40000]], np.uint16)
     wanted = np.where(millimetres > 0, 1e-3 * millimetres, np.nan)
@@ -289,16 +337,18 @@ def test_compressed_depth_images_are_those_that_were_compressed() -> None:
     a, b = 100.0 * 101.0, 1.0 - 100.0 * 101.0 / 10.0
     metres = np.array([[0.7, 2.5, 9.0]])
     whole = np.round(a / metres + b).astype(np.uint16)
-    depth = depth_from_message(packed(whole, "32FC1", struct.pack("<iff", 0, a, b)))
-    np.testing.assert_allclose(depth.metres, metres, rtol=0.01)
+    for pack in (packed, rolled):
+        depth = depth_from_message(pack(whole, "32FC1", struct.pack("<iff", 0, a, b)))
+        np.testing.assert_allclose(depth.metres, metres, rtol=0.01)
 
 
 @pytest.mark.parametrize(
     ("message", "said"),
     [
         (packed(np.zeros((2, 2), np.uint16), "rgb8", b""), "format: that of a depth image"),
-        (SimpleNamespace(format="16UC1; compressedDepth rvl", data=bytes(40)), "data: a PNG expected.*rvl"),
-        (SimpleNamespace(format="16UC1; compressedDepth", data=b""), "data: a PNG expected"),
+        (SimpleNamespace(format="16UC1; compressedDepth rvl", data=bytes(40)), "data: RVL of 0 x 0 pixels"),
+        (SimpleNamespace(format="16UC1; compressedDepth rvl", data=b"\xff" * 40), "data: RVL of .* pixels"),
+        (SimpleNamespace(format="16UC1; compressedDepth", data=b""), "data: a PNG or RVL expected"),
         (SimpleNamespace(format="16UC1; png", data=b"\x89PNG cut off"), "data: the PNG cannot be read"),
         (packed(np.zeros((2, 2), np.uint8), "16UC1", b""), "data: one channel of 16 bits"),
         (packed(np.zeros((2, 2), np.uint16), "32FC1", b""), "no PNG but by compressedDepth"),
@@ -395,6 +445,35 @@ def test_how_good_the_detector_is_is_learned_while_driving() -> None:
     kitchen.look({"bowl": (BOWL, BESIDE)}, 12)
     kitchen.look({}, 12)
     assert kitchen.rates.missed.sum() - before < 6
+
+
+def test_a_camera_says_nothing_of_classes_that_its_detector_does_not_know_and_others_find(
+    tmp_path: Path,
+) -> None:
+    rates, rng = SightRates(), np.random.default_rng(3)
+    model = WorldModel(
+        WorldModelConfig(classes=["cup", "bowl"], region=((-1.0, 6.0), (-3.0, 3.0), (-0.5, 2.5)))
+    )
+    things, knows = {"cup": (2.0, 0.3, 1.0), "bowl": (2.2, -0.3, 1.0)}, {"left": "cup", "right": "bowl"}
+    here = []
+    for step in range(240):
+        camera = ("left", "right")[step // 16 % 2]
+        kind = knows[camera]
+        spot = np.array(things[kind]) + rng.normal(0.0, 0.01, 3)
+        seen = [
+            ObjectEvidence(spot, 1e-4 * np.eye(3), {"class": {kind: 0.9, ({*things} - {kind}).pop(): 0.1}})
+        ]
+        view = CameraView(lens(), FORWARD, rates=rates, name=camera)
+        state = model.update(WorldEvidence(seen, view=view), 0.25 * step)
+        here.append({item.most_probable("class") for item in state.objects})
+    assert all(found == {"cup", "bowl"} for found in here[120:])
+    assert rates.reported("left", ["cup", "bowl"]) == pytest.approx([1.0, 0.0], abs=0.1)
+    assert rates.missed.sum() == 0.0
+    rates.write(tmp_path / "kept")
+    again = SightRates()
+    again.read(tmp_path / "kept")
+    assert again.figures() == rates.figures()
+    assert again.figures()["classes that right does not know"] == "cup"
 
 
 def test_what_was_learned_of_the_detector_is_kept_and_damage_is_told(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import pytest
 
 from estimation.errors import InputError
 from evaluation.store_damage import run
-from world_model import WorldObject, WorldState
+from world_model import WorldObject, WorldState, ask
 from world_model.memory import store_file
 from world_model.memory.store import Store, StoreError
 from world_model.memory.store_file import StoreVersionError, is_store
@@ -513,6 +513,23 @@ def test_a_writer_that_was_killed_leaves_nothing_that_is_taken_for_whole(tmp_pat
     Path(f"{copy}-wal").write_bytes(log)
     with Store(copy, read_only=True) as store:
         assert store.damages
+
+
+def test_what_is_read_of_a_damaged_store_says_so_and_nothing_is_no_empty_world(tmp_path: Path) -> None:
+    path = tmp_path / "world.sqlite"
+    with Store(path) as store:
+        for step in range(20):
+            store.record(marching(step))
+    whole = path.read_bytes()
+    path.write_bytes(bytes(100) + whole[100:])
+    answer = ask(path, "where is cup-1")
+    assert answer.value is not None
+    assert f"{path}: is damaged" in answer.sentence
+    for left in (whole[:5000], bytes(len(whole)), b""):
+        path.write_bytes(left)
+        with pytest.raises(StoreError, match=r"world.sqlite: is no .* nothing in it is whole.*put a copy"):
+            ask(path, "where is cup-1")
+        assert path.read_bytes() == left
 
 
 def test_damage_found_in_the_background_is_put_right_with_the_next_message(tmp_path: Path) -> None:

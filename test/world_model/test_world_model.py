@@ -277,6 +277,20 @@ def test_detections_in_unknown_words_can_be_left_out() -> None:
     assert model.usable(good) == (good, {})
 
 
+def test_detections_in_another_unit_are_far_from_the_region_and_a_tight_region_is_no_matter() -> None:
+    region = np.array(REGION, dtype=float)
+    middle, beside = region.mean(axis=1), region[:, 1] + 0.5
+    spots = [middle, beside, 1000.0 * np.ones(3)]
+    found = WorldModel(config()).outside(WorldEvidence([ObjectEvidence(spot) for spot in spots]))
+    np.testing.assert_array_equal(found, [1000.0 * np.ones(3)])
+
+
+@pytest.mark.parametrize("given", [{"config": {"classes": ["cup"]}}, {"places": "home.yaml"}])
+def test_settings_of_another_kind_are_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=next(iter(given))):
+        WorldModel(**given)
+
+
 @pytest.mark.parametrize(
     "sensor",
     [
@@ -285,6 +299,7 @@ def test_detections_in_unknown_words_can_be_left_out() -> None:
         {"pose": (0, 0, 0, 0), "range": -1, "angle": 1},
         {"pose": (0, 0, 0, 0), "range": 1, "angle": 7.0},
         {"pose": (0, 0, 0, np.nan), "range": 1, "angle": 1},
+        {"pose": (0, 0, 0, 0), "range": 1, "angle": 1, "fov": 1},
     ],
 )
 def test_bad_sensor_is_refused(sensor: dict[str, Any]) -> None:

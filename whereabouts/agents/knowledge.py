@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 def read_store(path: Path) -> Store:
     """A store, also one that a node is writing. Raises WhereaboutsError where it is none, or cannot be read."""
-    # A store that is read opens any file, as an empty world.
+    # Any file is looked through for rows of a store, which takes long with a large one of another kind.
     if path.is_file() and not is_store(path):
         raise InputError(f"{path}: is no world model's store")
     return Store(path, read_only=True)

@@ -242,8 +242,6 @@ def _take_in(
         "runs": model.epoch + 1,
         "mean_update_ms": 1e3 * taken.seconds / max(taken.count, 1),
     }
-    if model.store is not None and model.store.problem:
-        typer.echo(model.store.problem, err=True)
     typer.echo(
         f"{counted(taken.count, 'message')}, {figures['mean_update_ms']:.2f} ms each: "
         f"{counted(figures['objects'], 'object')}"
@@ -255,6 +253,8 @@ def _answer(model: WorldModel, question: dict[str, Any], at: str, figures: dict[
     """question : as `WorldModel.query` takes it; `at` : about which moment."""
     from whereabouts.recorded.world_output import answer_record, moment
 
+    if model.store is not None and model.store.problem:
+        typer.echo(model.store.problem, err=True)
     answers = model.query(**question, stamp=moment(at, model.stamp))
     figures["answers"] = [answer_record(answer) for answer in answers]
     for answer in answers:

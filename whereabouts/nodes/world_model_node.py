@@ -106,7 +106,7 @@ class WorldModelNode(SuiteNode):
         self._predictions: dict[str, Path] = {}
         self.camera.reset()
         self._left_out = 0
-        self._refused = 0
+        self._refused = self._outside = 0
 
     @property
     def model(self) -> WorldModel:
@@ -138,6 +138,7 @@ class WorldModelNode(SuiteNode):
         figures["updates"] = self._updates
         figures["people in other evidence, ignored"] = self._left_out
         figures["detections with unknown words, ignored"] = self._refused
+        figures["detections far from the region"] = self._outside
         if self.camera.cameras.lenses:
             figures["detections without a place, ignored"] = self.camera.unplaced
             figures["looks without depth, absence not counted"] = self.camera.without_depth
@@ -236,7 +237,16 @@ class WorldModelNode(SuiteNode):
             kept = [item for item in evidence.objects if not most_probably(item, PERSON)]
             self._left_out += len(evidence.objects) - len(kept)
             evidence.objects = kept
-        return self._usable(evidence)[0]
+        evidence, _ = self._usable(evidence)
+        outside = self.model.outside(evidence)
+        self._outside += len(outside)
+        for x, y, z in outside:
+            self.complain(
+                f"a detection at {x:.1f}, {y:.1f}, {z:.1f} m is far from the parameter region: are its unit, its frame "
+                "and the region right?",
+                key="region",
+            )
+        return evidence
 
     def _usable(self, evidence: WorldEvidence) -> tuple[WorldEvidence, dict[int, str]]:
         """Without detections of classes or attributes that nobody knows: these are said and counted.

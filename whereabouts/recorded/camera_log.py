@@ -90,7 +90,15 @@ class CameraLog:
                 then = self.transforms.lookup(self.map_frame, frame, at)
                 turned = np.asarray(np.linalg.solve(then, pose))
         view = CameraView(
-            camera, pose, depth, None, robot.pose_covariance, robot.origin, self.rates, turned=turned
+            camera,
+            pose,
+            depth,
+            None,
+            robot.pose_covariance,
+            robot.origin,
+            self.rates,
+            turned=turned,
+            name=frame,
         )
         evidence, refused = self._reader.boxes(
             message, robot, view, lambda box, others: located(box, camera, depth, turned, others)

@@ -207,18 +207,19 @@ class Reader:
         scores: dict[str, float] = {}
         for result in results:
             name, score = str(result.hypothesis.class_id), float(result.hypothesis.score)
-            if not name or not 0.0 <= score < np.inf:
+            if not 0.0 <= score <= 1.0 + SUM_TOLERANCE:
                 raise InputError(
-                    f"results: a class_id with a score of at least 0 expected, got {name!r}: {score!r}"
+                    f"results: a score from 0 to 1 expected of {name!r}, got {score!r}; is it in percent?"
                 )
-            scores[name] = scores.get(name, 0.0) + score
-        total = sum(scores.values())
-        if not total < np.inf:
-            raise InputError(f"results: scores that can be added up expected, got {list(scores.values())}")
-        if total <= 0.0:
+            if name:
+                scores[name] = scores.get(name, 0.0) + score
+        if not scores:
             return {}
+        if not any(scores.values()):  # nobody filled them in
+            scores = dict.fromkeys(scores, 1.0)
         # Scores of independent classifiers may add up to more than one.
-        return {"class": self._complete("class", {n: s / max(total, 1.0) for n, s in scores.items()})}
+        total = max(sum(scores.values()), 1.0)
+        return {"class": self._complete("class", {n: s / total for n, s in scores.items()})}
 
     def _complete(self, attribute: str, given: Mapping[str, float]) -> dict[str, float]:
         """A distribution that sums to one: what is missing belongs to known values that were not named."""
@@ -295,12 +296,13 @@ def _vector(point: Any) -> Array:
 
 
 def _covariance(name: str, values: Iterable[float], unknown: float) -> Array:
-    """Position block (3, 3) of a 6x6 covariance; of a deviation `unknown`, m, where all are zero."""
+    """Position block (3, 3) of a 6x6 covariance; of a deviation `unknown`, m, along axes of which it says 0 or less."""
     block = np.array(values, dtype=np.float64).reshape(6, 6)[:3, :3]
     if not (np.abs(block) <= WIDEST).all():
         raise InputError(f"{name} must be finite and below {WIDEST:g}; it holds NaN, infinity or more")
-    if not block.any():
-        return unknown**2 * np.eye(3)
+    unsaid = np.diag(block) <= 0.0
+    block[unsaid], block[:, unsaid] = 0.0, 0.0
+    block[unsaid, unsaid] = unknown**2
     # A measurement is never surer than this, and what divides by its variance can.
     places = np.arange(3)
     block[places, places] = np.maximum(block[places, places], SUREST)

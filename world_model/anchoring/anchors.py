@@ -19,6 +19,7 @@ from world_model.anchoring.attributes import CLASS, Gaussian, Quantities, Vocabu
 from world_model.anchoring.loops.branching import presence, same_worlds
 from world_model.anchoring.loops.clusters import Cluster, Track, combined
 from world_model.anchoring.loops.expansion import components, unify
+from world_model.anchoring.loops.kernels import class_of
 from world_model.anchoring.loops.leaves import AWAY, MOVING, REST, IntArray, Leaves, Pool, leaves_in
 from world_model.anchoring.touching import Rounds
 from world_model.anchoring.unseen import Unseen
@@ -120,16 +121,16 @@ class Anchors:
 
     def motion_row(self, slot: int) -> int:
         """Row of `motion` for a leaf."""
-        classes = len(self.motion) - 1
-        return int(self.leaves.attributes[slot, :classes].argmax()) if classes else classes
+        return int(class_of(self.leaves.attributes[slot], len(self.motion) - 1))
 
     def moves(self, slot: int) -> bool:
         """Whether a leaf is of a class that moves by itself."""
         return bool(self.motion[self.motion_row(slot), 0] > 0.5)
 
     def class_name(self, slot: int) -> str:
-        """The most probable class of a leaf, "" where there are none."""
-        return self.vocabulary.values["class"][self.motion_row(slot)] if self.vocabulary.classes else ""
+        """The most probable class of a leaf, "" where there is none."""
+        names, row = self.vocabulary.values["class"], self.motion_row(slot)
+        return names[row] if row < len(names) else ""
 
     def resting(self, numbers: Iterable[int]) -> dict[int, int]:
         """Those of these objects that rest, and their leaves in the most probable world."""

@@ -110,6 +110,9 @@ class Association:
         if measured.sensor is not None and not measured.silent and not told:
             hide(self.anchors.leaves, chosen, clear, sensor, quantities)
         self._cover(chosen, in_cone - clear > BELIEVED)
+        if view is not None and view.rates.unknown:
+            kinds = [self.anchors.class_name(slot) for slot in chosen.tolist()]
+            clear[: len(chosen)] *= view.rates.reported(view.name, kinds)
 
     def _cover(self, slots: IntArray, covered: npt.NDArray[np.bool_]) -> None:
         """Movers that something else hides are looked for, and shown for as long as it is known where they are."""

@@ -88,8 +88,7 @@ class Recognition:
     def odds(self, slots: IntArray, new: int, track: Track) -> FloatArray:
         """Odds (n,) of the leaf `new` of a track being each of the known objects (n,) against its being new."""
         anchors, leaves = self.anchors, self.anchors.leaves
-        classes = anchors.vocabulary.classes
-        rows = leaves.attributes[slots, :classes].argmax(1) if classes else np.full(len(slots), classes)
+        rows = np.array([anchors.motion_row(slot) for slot in slots.tolist()], dtype=int)
         gone = self._away(slots, anchors.motion[rows, 2], float(leaves.first[new]))
         alike = agreement(leaves.attributes[slots], leaves.attributes[new], anchors.vocabulary.blocks)
         values: FloatArray = (

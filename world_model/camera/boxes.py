@@ -69,11 +69,14 @@ def located(
     if turned is not None:
         ray = turned[:3, :3] @ camera.rays([[x, y]])[0]
         x, y = np.nan_to_num(camera.project(ray[None])[0], nan=-np.inf)
-    half = 0.5 * CORE * np.array([box.width, box.height])
+    half = 0.5 * CORE * box.width, 0.5 * CORE * box.height
     depths, pixels = depth.box(x - half[0], y - half[1], x + half[0], y + half[1])
     pixels += middle - (x, y)
     shared = np.zeros(len(depths), bool)
     for other in others:
+        away = abs(other.x - box.x) - 0.5 * other.width, abs(other.y - box.y) - 0.5 * other.height
+        if away[0] > half[0] + 1.0 or away[1] > half[1] + 1.0:  # pixels
+            continue
         sides = 0.5 * np.array([other.width, other.height])
         shared |= (np.abs(pixels - (other.x, other.y)) <= sides).all(axis=1)
     if (~shared).sum() >= max(ENOUGH * len(depths), FEWEST):

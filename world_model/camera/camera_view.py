@@ -42,7 +42,7 @@ class CameraView:
     pose_covariance (3, 3), origin (2,) : of the robot's x, y, yaw, and where it stands; doubt about the pose blurs what
     was in view. rates : how well the detector finds what is in view, learned with every look. taken : boxes of
     detections that could not be placed: whatever is there may be what was detected. turned : (4, 4) from the camera
-    to where it was when `depth` was taken; None where that is the same.
+    to where it was when `depth` was taken; None where that is the same. name : of the camera, where there are several.
     """
 
     camera: CameraModel
@@ -54,6 +54,7 @@ class CameraView:
     rates: SightRates = field(default_factory=SightRates)
     taken: tuple[ImageBox, ...] = ()
     turned: FloatArray | None = None
+    name: str = ""
 
     def seen(self, positions: FloatArray, sigmas: FloatArray, sizes: FloatArray) -> FloatArray:
         """Probability (N,) that objects would have been in the picture, whole and large enough.
@@ -98,7 +99,7 @@ class CameraView:
             sizes = np.array([item.quantities.get("size", (np.nan, 0.0))[0] for item in resting])
             clear = self.visible(positions, sigmas, sizes) > IN_VIEW
             surely = [item for item, good in zip(resting, clear.tolist(), strict=True) if good]
-            self.rates.look(surely, self.apparent(positions, sizes)[clear], found)
+            self.rates.look(surely, self.apparent(positions, sizes)[clear], found, self.name)
         self.rates.name(objects, {name: given for name, given in zip(found, said, strict=True) if name})
 
     def cells(self, centres: FloatArray, heights: FloatArray, size: float) -> FloatArray:

@@ -2,6 +2,7 @@
 
 Learned from ordinary driving. An object that was in view and not found counts as missed once it has been found again at
 its place: otherwise it may have been gone. Detection goes by apparent size, in octaves, since distance and size decide.
+What a camera has never found, and others find where it looks, is of a class that its detector does not know.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ FIRST, OCTAVES = 2, 8  # The smallest octave is up to 2 ** (FIRST + 1) pixels
 PRIOR = 4.0  # Looks that the assumed rate counts for, an octave
 FEWEST = 10  # Looks of which a rate is told
 SURELY = 0.95
+COUNTED = ("named", "finds", "unknown")
 FORMAT, VERSION = "whereabouts camera rates", 1
 SUFFIX = ".camera"  # Of the file beside the store
 
@@ -36,7 +38,10 @@ class SightRates:
         self.missed = np.zeros(OCTAVES)
         self.named: Counter[tuple[str, str]] = Counter()
         self.looks = self.unexplained = 0
-        self._open: dict[str, FloatArray] = {}
+        self.finds: Counter[tuple[str, str]] = Counter()
+        self.unknown: Counter[tuple[str, str]] = Counter()
+        """Looks of a camera at things of a class, by both: in which it found them, and not, though others did."""
+        self._open: dict[tuple[str, str], tuple[float, FloatArray]] = {}
 
     def recognisable(self, apparent: FloatArray) -> FloatArray:
         """Probability (N,) that something of an apparent size (N,), pixels, is reported."""
@@ -45,20 +50,40 @@ class SightRates:
         total = self.found + self.missed
         return (self.found[octave] + PRIOR * assumed) / (total[octave] + PRIOR)
 
-    def look(self, objects: Sequence[WorldObject], apparent: FloatArray, found: Iterable[str | None]) -> None:
-        """One look: objects that were surely in view, their apparent sizes (N,), and whose each detection was."""
+    def reported(self, camera: str, kinds: Sequence[str]) -> FloatArray:
+        """Probability (N,) that the detector of a camera knows classes."""
+        finds = PRIOR + np.array([self.finds[camera, kind] for kind in kinds])
+        return np.asarray(finds / (finds + [self.unknown[camera, kind] for kind in kinds]))
+
+    def look(
+        self,
+        objects: Sequence[WorldObject],
+        apparent: FloatArray,
+        found: Iterable[str | None],
+        camera: str = "",
+    ) -> None:
+        """One look of a camera: objects that were surely in view, their apparent sizes (N,), and whose each detection
+        was."""
         told = list(found)
         here = set(told)
         self.looks += 1
         self.unexplained += sum(name is None for name in told)
         for item, octave in zip(objects, _octave(apparent).tolist(), strict=True):
-            if item.id not in here:
-                self._open.setdefault(item.id, np.zeros(OCTAVES))[octave] += 1.0
-                continue
-            self.found[octave] += 1.0
-            missed = self._open.pop(item.id, None)
-            if missed is not None:
+            key, kind = (camera, item.id), (camera, item.most_probable("class"))
+            since, missed = self._open.pop(key, (item.last_seen, np.zeros(OCTAVES)))
+            if item.id in here:
+                self.finds[kind] += 1
+                self.found[octave] += 1.0
                 self.missed += missed
+                continue
+            if item.last_seen > since:  # others have found it meanwhile
+                if self.finds[kind] > self.unknown[kind]:
+                    self.missed += missed
+                else:
+                    self.unknown[kind] += int(missed.sum())
+                since, missed = item.last_seen, np.zeros(OCTAVES)
+            missed[octave] += 1.0
+            self._open[key] = since, missed
 
     def name(self, objects: Sequence[WorldObject], said: Mapping[str, Mapping[str, float]]) -> None:
         """Which class each object was given, {id: distribution}, against what is surely known of it."""
@@ -70,13 +95,16 @@ class SightRates:
 
     def forget(self, gone: Iterable[str]) -> None:
         """Objects that are not where they were: they were not missed."""
-        for name in gone:
-            self._open.pop(name, None)
+        names = set(gone)
+        self._open = (
+            {key: value for key, value in self._open.items() if key[1] not in names} if names else self._open
+        )
 
     def write(self, path: Path) -> None:
         """Write what was learned to a file. Raises OSError."""
-        named = [[known, said, count] for (known, said), count in self.named.items()]
-        data = {"format": FORMAT, "version": VERSION, "named": named}
+        data: dict[str, object] = {"format": FORMAT, "version": VERSION}
+        for name in COUNTED:
+            data[name] = [[*key, count] for key, count in getattr(self, name).items()]
         data |= {"found": self.found.tolist(), "missed": self.missed.tolist()}
         write_kept(path, data | {"looks": self.looks, "unexplained": self.unexplained})
 
@@ -86,14 +114,19 @@ class SightRates:
         data = read_kept(path, FORMAT, VERSION)
         try:
             found, missed = (np.array(data[name], dtype=np.float64) for name in ("found", "missed"))
-            named = Counter({(str(known), str(said)): int(n) for known, said, n in data["named"]})
+            counted = {
+                name: Counter({(str(a), str(b)): int(n) for a, b, n in data.get(name, [])})
+                for name in COUNTED
+            }
             looks, unexplained = int(data["looks"]), int(data["unexplained"])
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"damaged: {error}") from error
         counts = np.concatenate([found.ravel(), missed.ravel(), [looks, unexplained]])
         if found.shape != (OCTAVES,) or missed.shape != (OCTAVES,) or not (counts >= 0.0).all():
             raise InputError(f"damaged: {OCTAVES} counts of at least 0 expected of each kind")
-        self.found, self.missed, self.named = found, missed, named
+        self.found, self.missed = found, missed
+        for name, counter in counted.items():
+            setattr(self, name, counter)
         self.looks, self.unexplained = looks, unexplained
 
     def figures(self) -> dict[str, str]:
@@ -110,6 +143,10 @@ class SightRates:
             wrong = Counter({pair: count for pair, count in self.named.items() if pair[0] != pair[1]})
             for (known, said), count in wrong.most_common(1):
                 told["most often confused"] = f"{known} called {said}: {count}"
+        for camera in sorted({camera for camera, _ in self.unknown}):
+            kinds = sorted(kind for _, kind in self.unknown if self.reported(camera, [kind])[0] < 0.5)
+            if kinds:
+                told[f"classes that {camera or 'the camera'} does not know"] = ", ".join(kinds)
         if self.looks >= FEWEST:
             told["detections nobody believes"] = f"{self.unexplained / self.looks:.3f} a look"
         return told

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -161,14 +162,20 @@ class Timeline:
         return [stay for stay in self.stays if stay.until >= start and stay.since <= end]
 
     def shares(self, start: float, end: float, absent: bool = False) -> dict[str, float]:
-        """Share of the time between two moments that it was at each place.
+        """`shares_of` the time between two moments."""
+        return self.shares_of([(start, end)], absent)
+
+    def shares_of(self, spans: Iterable[tuple[float, float]], absent: bool = False) -> dict[str, float]:
+        """Share of the time of some spans, each from and to, that it was at each place.
 
         absent : of all the time since it was first seen, else of that in which it was anywhere.
         """
-        spent = self.spent(start, end)
-        total = sum(spent.values())
-        if absent and self.stays:
-            total = max(total, end - max(start, self.stays[0].since))
+        spent: Counter[str] = Counter()
+        there = 0.0
+        for start, end in spans:
+            spent.update(self.spent(start, end))
+            there += max(end - max(start, self.stays[0].since), 0.0) if self.stays else 0.0
+        total = max(sum(spent.values()), there if absent else 0.0)
         return {place: seconds / total for place, seconds in spent.items()} if total > 0.0 else {}
 
     def spent(self, start: float, end: float) -> dict[str, float]:

@@ -59,7 +59,7 @@ class StoreFile:
     """One open file. `connection` is in autocommit mode; transactions are explicit.
 
     `found` : what was damaged or missing when it was opened, a sentence each; `aside` : where the damaged file is now.
-    A read-only store is not put right: what is whole is answered from memory.
+    A read-only store is not put right: what is whole is answered from memory, and where nothing is that is an error.
 
     Raises StoreVersionError or StoreError, naming the file.
     """
@@ -162,8 +162,14 @@ class StoreFile:
             connection = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False)
             salvage = rebuild(self.path, self.snapshots, connection)
             if problems != [_OLD]:
+                if salvage.missing != 0 and not connection.execute("SELECT 1 FROM objects").fetchone():
+                    raise StoreError(
+                        f"{self.path}: is no world model's store, or nothing in it is whole: {_first(problems)}; put a "
+                        "copy in its place, or move it away"
+                    )
                 self.found.append(
-                    f"{self.path}: is damaged: {_first(problems)}; answered from what is whole: {salvage}"
+                    f"{self.path}: is damaged: {_first(problems)}; answered from what is whole: {salvage}; "
+                    "a node that writes to it puts it right"
                 )
         return connection
 

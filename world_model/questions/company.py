@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ from world_model.questions.past import (
     told_change,
 )
 from world_model.questions.recall import WEEK, Recall, Trust
+from world_model.questions.where import where_is
 from world_model.state import DAY, PERSON
 
 BESIDE = 1.0  # m: who is that close to a piece of furniture is at it
@@ -133,6 +134,20 @@ def who_moved(
         said = f"{listed(described(world, each) for each in there)} was there" if there else nobody
         parts.append(f"{said} when {told_change(world, move)}")
     return Answer.stated("; ".join(parts[-8:]), "who_moved", Trust.PROBABLY, moves[-1].end, value)
+
+
+def who_has(world: Recall, what: str) -> Answer:
+    """Who may have an object: who was there when it went from where it was, if it was not found since. value : ids.
+
+    Nobody is known to have it. Raises NothingKnownError, AmbiguousError.
+    """
+    name = one_named(world, what)
+    known, moved = where_is(world, name), who_moved(world, name)
+    if not world.latest(name).lost:
+        moved = replace(known, sentence=f"Nobody that I know of: {known.sentence}", value=[])
+    else:
+        moved = replace(moved, sentence=f"{known.sentence} {moved.sentence}")
+    return replace(moved, kind="who_has")
 
 
 def what_was_carried(world: Recall, person: str, since: When = None) -> Answer:

@@ -6,10 +6,12 @@ in it. Whatever no pattern takes is not understood, and answered with what can b
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from estimation.errors import InputError
 from estimation.geometry.places import Places
@@ -24,7 +26,7 @@ from world_model.questions.answers import (
     iso,
     listed,
 )
-from world_model.questions.moments import Span, ahead, extract
+from world_model.questions.moments import Span, ahead, extract, moment
 from world_model.questions.naming import PREPOSITIONS, is_person, name_words, phrases, things_named
 from world_model.questions.recall import Recall, Trust, recall
 from world_model.questions.wording import plainly, respelled, simply
@@ -42,7 +44,8 @@ CAN_BE_ASKED = (
     "where will the cup be tomorrow at eight", "what came to the desk today", "what is out of place",
     "what is next to the laptop", "how far is the cup from the book", "which cups are not in the kitchen",
     "what color is cup-3", "what was missing at noon", "what have you not seen today", "which places do you know",
-    "when was anyone last in the kitchen", "will the cup be on the desk tomorrow at eight",
+    "when was anyone last in the kitchen", "where is the cup usually in the morning", "who has the cup",
+    "is the cup in the kitchen or on the desk", "will the cup be on the desk tomorrow at eight",
 )  # fmt: skip
 _AT = rf"(?P<place>(?:{PREPOSITIONS}) .+)"
 _BY = r"(?:right |just |directly )?(?:next to|close to|closest to|nearest to|nearest|near|beside|by|around)"
@@ -56,7 +59,7 @@ _PLACED = (
 )
 _ASKS = r"(?:usually|where|when|who|what|which|how|is|was|did|can|could|will|would|should|list|tell|why)\b"
 _UNREAD = re.compile(
-    r"\b(?:where|when|who|what|how|did|not|it|they|before|after|since|while|if|or|than|i|you)\b"
+    r"\b(?:where|when|who|what|how|did|not|it|they|before|after|since|while|if|than|i|you)\b"
 )
 """Words that no name has: what has one was not read to its end."""
 _I = r"(?:you|i|we|one)"
@@ -67,7 +70,8 @@ _WHAT = r"(?:what|which(?: things| objects| items)?|what things|what objects)(?:
 
 @dataclass(frozen=True)
 class ParsedQuestion:
-    """What a pattern found in a question. span, word : the time in it, and how it was put; then the words by group."""
+    """What a pattern found in a question. span, word : the time in it, and how it was put; then the words by group.
+    said : the question as it was put."""
 
     world: Recall
     span: Span | None
@@ -81,6 +85,7 @@ class ParsedQuestion:
     to: str = ""
     left: str = ""
     other: str = ""
+    said: str = ""
 
     @property
     def way(self) -> str:
@@ -117,6 +122,12 @@ class ParsedQuestion:
         return Span(span.start - company.NOW, min(span.start + company.NOW, self.world.now), span.words)
 
     @property
+    def daily(self) -> Span | None:
+        """The time of what is usual then; "since" that time it is not one that comes again."""
+        word = "" if self.word == "between" else self.word
+        return self.span and replace(self.span, words=f"{word} {self.span.words}".strip())
+
+    @property
     def always(self) -> Recall:
         """The world. Raises NotUnderstoodError where a time is said that would not be looked at."""
         if self.span is not None:
@@ -146,7 +157,7 @@ def _named(q: ParsedQuestion) -> Answer:
     try:
         return _where(q)
     except NothingKnownError:
-        raise NotUnderstoodError(_not_understood(q.what)) from None
+        raise NotUnderstoodError(_not_understood(q.said)) from None
 
 
 def _last_at(q: ParsedQuestion) -> Answer:
@@ -167,12 +178,18 @@ def _next(q: ParsedQuestion) -> Answer:
 
 
 def _is_at(q: ParsedQuestion) -> Answer:
-    each = re.sub(r"^(?:all|both)\b(?: of)? ", "", q.what)
+    each = re.sub(r"^(?:all|both|every|each)\b(?: of)? ", "", q.what)
     if each != q.what:
         many, known = where.how_many(q.world, each, q.place, q.then), len(things_named(q.world, each).ids)
         all_there = many.value == known
         said = f"{'Yes' if all_there else 'No'}, {many.value} of {known}. {many.sentence}"
         return replace(many, kind="is_at", value=all_there, sentence=said)
+    if q.span is not None and q.span.words.startswith("for "):
+        long = past.how_long_there(q.world, q.what, q.place)
+        there = (long.value or 0.0) >= q.span.end - q.span.start
+        return replace(
+            long, kind="is_at", value=there, sentence=f"{'Yes' if there else 'No'}: {long.sentence}"
+        )
     if q.verb == "was" and q.span is None:
         last = past.when_last_at(q.world, q.what, q.place)
         return replace(last, kind="is_at", value=last.value is not None)
@@ -190,7 +207,7 @@ def _listed(q: ParsedQuestion) -> Answer:
     if q.past and q.place:
         return _is_at(q)
     what = f"{q.what} {q.place}".strip()
-    return where.where_was(q.world, what, q.then) if q.past else where.where_is(q.world, what)
+    return where.where_was(q.world, what, q.then) if q.past else where.where_is(q.world, what, every=True)
 
 
 def _will_be(q: ParsedQuestion) -> Answer:
@@ -216,7 +233,7 @@ def _valued(q: ParsedQuestion) -> Answer:
     if q.past:
         raise NotUnderstoodError("I can only tell what things look like now, not what they looked like then.")
     return (
-        traits.what_it_is(q.world, q.what, q.other)
+        traits.what_it_is(q.world, q.what, q.other or "class")
         if q.verb == ""
         else traits.is_so(q.world, q.what, q.other)
     )
@@ -238,7 +255,7 @@ _CALLS: dict[str, Call] = {
     "listed": _listed,
     "will_be": _will_be,
     "room": lambda q: where.which_room(q.world, q.what, q.then),
-    "usually": lambda q: where.where_usually(q.always, q.what),
+    "usually": lambda q: where.where_usually(q.world, q.what, q.daily),
     "at_home": lambda q: usual.is_at_usual_place(q.always, q.what),
     "seen": lambda q: where.when_last_seen(q.world, q.what, q.since),
     "moved": lambda q: past.when_moved(q.world, q.what, q.around, q.place or q.left, q.way),
@@ -256,11 +273,13 @@ _CALLS: dict[str, Call] = {
     "help": _help,
     "unseen": lambda q: where.what_was_not_seen(q.world, q.since),
     "places": lambda q: traits.which_places(q.world, q.what.replace("rooms", "room")),
-    "near": lambda q: nearby.what_is_near(q.world, q.what, q.then),
+    "near": lambda q: nearby.what_is_near(q.world, q.what, q.then, q.other),
     "far": lambda q: nearby.how_far(q.world, q.what, q.other, q.then),
     "left": lambda q: past.what_left(q.world, q.place, q.since),
-    "usually_here": lambda q: usual.what_is_usually_here(q.always, q.place),
+    "usually_at": lambda q: usual.is_usually_at(q.world, q.what, q.place, q.daily),
+    "usually_here": lambda q: usual.what_is_usually_here(q.world, q.place, q.daily),
     "who_moved": lambda q: company.who_moved(q.world, q.what, q.around, q.who, q.place, q.way),
+    "who_has": lambda q: company.who_has(q.world, q.what),
     "carried": lambda q: company.what_was_carried(q.world, q.who, q.around),
     "many": lambda q: where.how_many(q.world, q.what, q.place, q.then),
     "history": lambda q: past.history(q.world, q.what, q.since),
@@ -271,13 +290,16 @@ _PATTERNS = rf"""
 usually      usually where (?:is|was|did|can|would|should)(?: {_I})? (?:(?:find|keep|seen|moved|gone|left) )?{_W}
 >(?: (?:be|kept|gone|is|moved|hang|stored))*
 usually      where should (?!{_I}\b){_W} (?:be|gone|is)
-strays       (?:what|which things) is (?:out of (?:its )?place|misplaced|not {_PLACED})
+strays       (?:what|which things) is (?:out of (?:its )?place|in the wrong place|misplaced|not {_PLACED})
 strays       is (?:everything|all|anything) (?:not |out of )?{_PLACED}
 strays       usually (?:what|which things|is everything|is anything) (?:is )?(?:not )?where (?:it|they)(?: is)?
 at_home      is {_W} {_PLACED}
 at_home      usually is {_W} where (?:it|they)(?: is)?
+usually_at   usually {_BE} {_W} {_AT}
 usually_here usually {_WHAT}(?: is| did {_I}| can {_I})?(?: there)? (?:(?:find|seen|kept|moved) )?{_AT}
 room         (?:in |on |at )?(?:which|what) (?:room|place|spot|part of here) {_BE} {_W}(?: (?:in|on|at))?
+room         (?:in |on |at )?(?:which|what) (?:room|place|spot) {_W} {_BE}(?: (?:in|on|at))?
+who_last     who {_BE} anyone (?:{_HERE}|{_AT})
 who_last     (?:when|how long ago) (?:is|was) anyone(?: seen)?(?: {_HERE}| {_AT})
 seen         (?:when|how long ago) (?:is|was|did)(?: {_I}| anyone)? seen {_W}
 seen         (?:when|how long ago|how long (?:was it|is it) since) (?:(?:is|was|did) )?{_W} (?:was )?(?:seen|{_HERE})
@@ -285,6 +307,7 @@ seen         (?:how long (?:was it|is it) since {_I} seen|seen|sight of) {_W}
 last_at      when (?:is|was) {_W} {_AT}
 came         when (?:did|was) {_W} (?:came|moved|gone) {_TO}
 moved        when (?:did|was)(?: {_I}| anyone) moved {_W}
+all_moved    (?:when|how long ago) (?:did|was) anything moved
 moved        (?:when|how long ago) (?:did|was) {_W} (?:moved|gone|left|came)(?: {_HERE})?(?: {_TO})?
 moved        when (?:did|was) {_W} left (?P<left>.+)
 moved        where (?:was|did) {_W} (?:be )?before(?: that| (?:it|they) (?:was )?moved)?
@@ -297,6 +320,7 @@ long         (?:how long|since when|for how long) (?:did|was) {_W}
 changed      {_WHAT} (?:(?:is|was|did) )?(?:changed|different|new)(?: {_HERE})?(?: {_AT})?
 changed      (?:(?:is|was|did)(?: there)? )?anything (?:changed?|different|new)(?: {_HERE})?(?: {_AT})?
 arrived      {_WHAT} (?:(?:is|was|did) )?(?:came|moved) (?:to|onto|into) (?P<place>.+)
+arrived      (?:is|was|did) anything (?:came|moved) (?:to|onto|into) (?P<place>.+)
 arrived      {_WHAT} (?:was|did) put {_AT}
 all_moved    {_WHAT} (?:(?:is|was|did) )?(?:moved|happened)(?: around| about)?(?: {_HERE})?(?: {_AT})?
 all_moved    (?:is|was|did) anything (?:moved|happen(?:ed)?)(?: around| about)?(?: {_HERE})?(?: {_AT})?
@@ -322,8 +346,13 @@ who_moved    (?:did|was) (?:{_I}|anyone|{_WHO}) moved {_W}
 carried      what (?:did|was) {_WHO} (?:moved|done?|doing)(?: with| around)?
 who          {_BE} (?:there )?anyone(?: seen)? (?:{_HERE}|{_AT})
 who          did anyone (?:was|came)(?: {_HERE})?(?: {_TO})?
+who          did anyone came (?P<place>.+)
+who          who did {_I} seen(?: {_HERE}| {_AT})?
 who          (?P<verb>is|was) (?:the |our )?(?:house|home|flat|apartment) empty
-next         what (?:will be|will {_I}|will|is|did {_I}|might be) (?:be )?(?:needed|need|moved|happen)
+who_has      who (?:did|(?:(?:did|is) )?came) (?!left\b){_W}
+who_has      did anyone (?:did|came) {_W}
+next         what did {_I} need
+next         what (?:will be|will {_I}|will|is|might be) (?:be )?(?:needed|need|moved|happen)
 >(?: next| soon)*{_SOON}
 next         what (?:is|came|happens|moved) (?:next|going to (?:be )?(?:needed|moved|happen))(?: next)?{_SOON}
 who          how many anyone {_BE} (?:seen )?(?:{_HERE}|{_AT})
@@ -335,6 +364,7 @@ many         did {_I} did {_W}(?: {_HERE})?
 everything   {_WHAT} (?:did|was) {_I} (?:seen|know|know about|know of)(?: {_HERE})?
 near         {_WHAT} {_BE}(?: there| left| kept)* {_BY} {_W}
 near         {_BE}(?: there)? anything {_BY} {_W}
+near         (?:what|which) (?P<other>.+) {_BE} {_BY} {_W}
 far          how far (?:away )?{_BE} {_W} (?:away )?from (?P<other>.+)
 far          (?:how far apart|what is the distance between) (?:{_BE} )?{_W} and (?P<other>.+)
 far          {_BE} {_W} {_BY} (?P<other>.+)
@@ -357,11 +387,13 @@ where        (?:what|which) {_W} is {_HERE}
 will_be      where will {_W} be
 where        where (?:is|was|did) {_W} (?:gone|ended up|end up|came|came to|disappeared to)
 where        where (?:can|could|did|would|might|should) {_I} (?:find|look for|seen|came) {_W}
-where        where (?:is|did|was)?(?: ?{_I}) (?:did )?(?:moved|left|seen|find|lose|gone|keep|forget) {_W}
+where        where (?:is|did|was|can|could|might)?(?: ?{_I}) (?:did )?(?:moved|left|seen|find|lose|gone|keep|forget)
+> {_W}
 where        where {_BE} {_W}(?: seen| be| now| kept| moved)?
 where        where did {_W} (?:be|is|left)
+valued       what (?:kind|sort) of (?:thing|object) is {_W}
 valued       (?:what|which) (?:kind of )?(?P<other>[\w-]+) is {_W}
-valued       {_BE} {_W} (?:an? )?(?P<other>[\w-]+)
+valued       {_BE} {_W} (?:an? )?(?P<other>[\w-]+(?: or (?:an? )?[\w-]+)*)
 where        (?:whereabouts (?:is|was)|find|locate|look for|search for|show me|location of|the location of) {_W}
 """
 """A word of `_CALLS` and what its question looks like; behind ">" it goes on. The first that fits is taken."""
@@ -389,7 +421,16 @@ def ask(
 
 
 def answered(world: Recall, call: Callable[[Recall], Answer]) -> Answer:
-    """The answer of a call; what it raises about the question is an answer, too."""
+    """The answer of a call; what it raises about the question is an answer, too. One from a damaged store says so."""
+    answer = _answered(world, call)
+    return (
+        replace(answer, sentence=f"{answer.sentence} ({clean(world.damage, 400)})")
+        if world.damage
+        else answer
+    )
+
+
+def _answered(world: Recall, call: Callable[[Recall], Answer]) -> Answer:
     try:
         return call(world)
     except AmbiguousError as error:
@@ -444,15 +485,45 @@ def _matched(world: Recall, text: str, question: str) -> Answer:
     # Time words may be part of a name: "the night lamp".
     for form, then in ((bare, span), (text, None))[: 2 if span is not None else 1]:
         for call, words in _fitting(simply(form, name_words(world))):
-            q = ParsedQuestion(world, then, word if then is not None else "", **words)
+            q = ParsedQuestion(world, then, word if then is not None else "", said=question, **words)
             try:
                 if then is not None and call not in (_where, _will_be):
                     where.within(world, then)  # of what is ahead nothing else is known
-                return call(q)
+                return _each(call, q)
             except (NothingKnownError, NotUnderstoodError) as raised:
                 if not _UNREAD.search(f"{q.what} {q.place.removeprefix('not ')} {q.who} {q.other}"):
                     error = error or raised
     raise error or NotUnderstoodError(_not_understood(question))
+
+
+def _each(call: Call, q: ParsedQuestion) -> Answer:
+    """The answer; where "or" names several things or places that of each, the first that is not "no" counting."""
+    name = next((name for name in ("what", "place", "other") if " or " in getattr(q, name)), "")
+    parts = re.split(r",? or |, ", getattr(q, name)) if name else [""]
+    if len(parts) < 2 or any(_UNREAD.search(part) for part in parts):
+        return call(q)
+    if any(_is_time(part, q.world.now) for part in parts[1:]):
+        raise NotUnderstoodError("I can only tell of one time; ask for the other again.")
+    answers, unknown = [], []
+    for part in parts:
+        try:
+            alone: dict[str, Any] = {name: part}
+            answers.append(_each(call, replace(q, **alone)))
+        except NothingKnownError as error:
+            unknown.append(error)
+    if not answers:
+        return call(q)
+    best = next((answer for answer in answers if answer.value), answers[0])
+    told_of = " ".join([*(answer.sentence for answer in answers), *map(str, unknown)])
+    return replace(best, sentence=told_of, probability=math.prod(answer.probability for answer in answers))
+
+
+def _is_time(words: str, now: float) -> bool:
+    try:
+        moment(words, now)
+    except InputError:
+        return False
+    return True
 
 
 def _fitting(text: str) -> Iterator[tuple[Call, dict[str, str]]]:

@@ -38,6 +38,7 @@ UNITS = {
     "year": 31536000.0,
 }  # fmt: skip
 JUST_NOW, HALF_DAY = 300.0, 43200.0  # s
+AROUND = 1800.0  # s before and after a moment that comes every day
 DAYTIME = 6.0  # h: an hour that is only counted to twelve is not meant before it
 
 _SPELLED = rf"(?:(?:{'|'.join(TENS)})(?:[- ](?:{'|'.join(NUMBERS[1:10])}))?|{'|'.join(reversed(NUMBERS))})"
@@ -130,7 +131,7 @@ def moment(words: str | float, now: float) -> Span:
     if isinstance(words, Real) and not isinstance(words, bool):
         stamp = as_stamp("time", words)
         return Span(stamp, stamp, str(words))
-    text = re.sub(rf"^{_WORD} ", "", _rewritten(" ".join(str(words).lower().split())))
+    text = re.sub(rf"^{_WORD} ", "", _rewritten(" ".join(str(words).lower().split()), now))
     for pattern, reader in (*_PHRASES, (_BARE, _when)):
         if _compiled(pattern).fullmatch(text):
             return _span(reader, text, now)
@@ -142,7 +143,7 @@ def moment(words: str | float, now: float) -> Span:
 
 def extract(text: str, now: float) -> tuple[str, Span | None, str]:
     """A question without its time, the time, and the word before it ("since"); lower-case text, single spaces."""
-    text = _rewritten(text)
+    text = _rewritten(text, now)
     found = _compiled(_RANGE).search(text)
     if found:
         rest = _without(text, found)
@@ -168,9 +169,30 @@ def extract(text: str, now: float) -> tuple[str, Span | None, str]:
     return _without(text, found), span, word
 
 
+def recurring(span: Span, now: float, past: float) -> list[tuple[float, float]]:
+    """A time of day, a weekday or both on each day of the last `past` s, from and to in s; [] of what comes once.
+
+    A moment stands for the hour around it.
+    """
+    weekday = rf"(?:on )?(?:{'|'.join(DAYS)})|(?:on|at) the weekend"
+    atom = rf"(?:{_PART}|{_CLOCK}|{weekday})"
+    between = rf"(?:between|from) (?:at )?{_TIME} (?:and|to|until|till) (?:at )?{_TIME}"
+    if not re.fullmatch(rf"{atom}(?:,? {atom}){{0,2}}|{between}", span.words):
+        return []
+    step = 7 if re.search(weekday, span.words) else 1
+    day = datetime.fromtimestamp(span.start)
+    long = span.end - span.start
+    if not re.search(rf"{_PART}|{_TIME}", span.words):
+        long = timedelta(days=1 + ("weekend" in span.words)).total_seconds()
+    early = 0.0 if span.lasts else AROUND
+    begun = ((day - timedelta(days=k)).timestamp() - early for k in range(0, 1 + int(past / 86400.0), step))
+    spans = ((max(start, now - past), min(start + long + 2.0 * early, now)) for start in begun)
+    return [(start, end) for start, end in spans if end > start]
+
+
 def ahead(text: str, now: float) -> tuple[str, Span | None]:
     """A question about the future without its time, and the time; lower-case text, single spaces."""
-    text = _rewritten(text)
+    text = _rewritten(text, now)
     found = max(_compiled(_AHEAD).finditer(text), key=lambda each: len(each[0]), default=None)
     if found is None:
         return text, None
@@ -179,7 +201,9 @@ def ahead(text: str, now: float) -> tuple[str, Span | None]:
     return _without(text, found), span or _span(lambda text, at: _when(text, at, True), found["phrase"], now)
 
 
-def _rewritten(text: str) -> str:
+def _rewritten(text: str, now: float) -> str:
+    if "same time" in text or "this time" in text:
+        text = re.sub(r"\bat (?:about )?(?:this|the same) time\b", f"at {clock(now)[11:]}", text)
     for pattern, other in _SAID_AS:
         text = re.sub(pattern, other, text)
     return text
@@ -393,6 +417,7 @@ _PHRASES: tuple[tuple[str, Reader], ...] = (  # of two that begin alike the long
         rf"(?:(?:in|during|within|over|for) )?(?:the|these) (?:last|past) (?:{_NUMBER} )?{_UNIT}",
         lambda text, now: _lately(_seconds_of(re.sub(r"^.*?\b(last|past) ", "", text)), now),
     ),
+    (rf"for {_AMOUNT}", lambda text, now: _lately(_seconds_of(text), now)),
     (r"(?:this|last|the previous) (?:week|month|year)|the week", _week),
     (r"(?:(?:(?:on|at|over|during) )?the|this|(?:over )?(?:the )?last) weekend", _weekend),
     (r"just now|a moment ago|a (?:short|little) while ago", lambda text, now: _lately(JUST_NOW, now)),

@@ -22,7 +22,8 @@ NAMES = ("name", "identity")  # Attributes that say what a person is called
 MOST_PEOPLE = 200  # Ids of people among whom one with a name is looked for
 AT, NOT_AT = (
     "on top of|on|in|at|inside|within|from",
-    "next to|close to|in front of|under|near|by|beside|around|behind",
+    "next to|close to|in front of|under|near|by|beside|around|behind|between|above|below|opposite|"
+    "(?:(?:on|to) )?(?:the )?(?:left|right)(?: side)? of",
 )
 PREPOSITIONS = f"{NOT_AT}|{AT}"
 _ARTICLES = re.compile(
@@ -163,8 +164,10 @@ def place_named(world: Recall, words: str, beside: bool = False) -> str:
     """
     around = re.match(rf"(?:{NOT_AT}) ", require_word("place", words).strip().lower())
     if around and not beside:
+        seen_so = re.search("left|right|front|behind|opposite", around[0])
+        why = ": that depends on from where one looks" if seen_so else ""
         raise NothingKnownError(
-            f'I know what is on or in a place, not what is "{clean(around[0].strip())}" it.'
+            f'I know what is on, in or next to something, not what is "{clean(around[0].strip())}" it{why}.'
         )
     wanted = plain(re.sub(rf"^(?:{PREPOSITIONS}) ", "", words.strip().lower()))
     names = {plain(place.name): place.name for place in world.places}
@@ -394,6 +397,8 @@ def _nothing(world: Recall, words: str, place: str) -> str:
     known = sorted(set(classes(world).values()))
     if place or (known and sort_of(world, said) is not None):
         return f'I know of no "{said}" now.'
+    if plain(said) in {plain(each.name) for each in world.places}:
+        return f'"{said}" is a place: ask what is there, what has changed there or who was there.'
     if not known:
         return f'I know of no "{said}": nothing has been seen yet.'
     return f'I know of no "{said}"; what I have seen are of the classes {listed(map(clean, known), 20)}.'

@@ -10,7 +10,7 @@ from estimation.checks import FloatArray
 from estimation.geometry.polygons import outline_distance
 from world_model.questions.answers import Answer, NothingKnownError, NotUnderstoodError, clean, clock, listed
 from world_model.questions.moments import When
-from world_model.questions.naming import at_the, described, one_named, place_named, spoken
+from world_model.questions.naming import at_the, described, one_named, place_named, spoken, things_named
 from world_model.questions.recall import Recall, Trust
 from world_model.questions.where import line_at, where_is, where_was, within
 from world_model.state import BELIEVED
@@ -26,11 +26,11 @@ class _Spot(NamedTuple):
     p: float
 
 
-def what_is_near(world: Recall, what: str, when: When = None) -> Answer:
+def what_is_near(world: Recall, what: str, when: When = None, kind: str = "") -> Answer:
     """The things in the room of a thing or a piece of furniture, the nearest first. value : ids.
 
-    Of furniture the distance is that to its outline, and what is on or in it is not near it. Raises NothingKnownError,
-    AmbiguousError, and NotUnderstoodError for more than a moment.
+    kind : of these only, as "cups". Of furniture the distance is that to its outline, and what is on or in it is not
+    near it. Raises NothingKnownError, AmbiguousError, and NotUnderstoodError for more than a moment.
     """
     stamp = _moment(world, when)
     then = "" if when is None else f" at {clock(stamp)}"
@@ -42,7 +42,8 @@ def what_is_near(world: Recall, what: str, when: When = None) -> Answer:
     if mine is None:
         return where_is(world, name) if when is None else where_was(world, name, when)
     found: list[tuple[float, str, float]] = []
-    for other in world.heads(world.present) if when is None else world.things():
+    others = world.heads(world.present) if when is None else world.things()
+    for other in things_named(world, kind, when is not None).ids if kind else others:
         spot = None if other == name else _spot(world, other, stamp)
         if spot is None or not _together(world, mine.place, spot.place) or spot.place == center:
             continue

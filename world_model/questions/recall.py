@@ -8,10 +8,12 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, wraps
+from types import NoneType
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
+from estimation.checks import require_kind
 from estimation.errors import InputError
 from estimation.geometry.places import Places
 from world_model.memory.stays import APART, AWAY, MOST, PlaceWords, Timeline, timeline_of
@@ -103,6 +105,11 @@ class Recall:
         places = model.places or (model.store.places() if model.store is not None else Places())
         present = {item.id: item for item in model.world.objects}
         return cls(now, model.epoch, present, places, model.words.symbols, model.store)
+
+    @property
+    def damage(self) -> str:
+        """What is wrong with the file that is read, a sentence; "" while all is well, or was put right."""
+        return self.store.damages[0] if self.store and self.store.read_only and self.store.damages else ""
 
     def is_now(self, stamp: float) -> bool:
         """Whether a moment is no earlier than a second before the newest that is known."""
@@ -372,6 +379,8 @@ def recall(source: object, places: Places | None = None, symbols: Symbols | None
 
     Raises InputError for anything else.
     """
+    require_kind("places", places, Places, NoneType)
+    require_kind("symbols", symbols, Symbols, NoneType)
     if isinstance(source, Recall):
         return source
     if isinstance(source, Store):

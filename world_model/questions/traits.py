@@ -34,7 +34,7 @@ def is_so(world: Recall, what: str, word: str) -> Answer:
     item = world.item(name)
     p = None if item is None else _probability(world, item, plain(word))
     if p is None:
-        raise NothingKnownError(f'I know nothing that is called "{clean(word)}".')
+        raise NothingKnownError(f'I know nothing that is called "{clean(plain(word))}".')
     no = "" if p >= 0.5 else " not"
     sentence = f"{'No' if no else 'Yes'}, {described(world, name)} is{no} {clean(plain(word))}"
     return Answer.stated(sentence, "is_so", max(p, 1.0 - p), world.now, p >= 0.5)

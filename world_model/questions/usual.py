@@ -10,38 +10,48 @@ from world_model.memory.routines import Routines
 from world_model.memory.stays import Timeline, routines_of
 from world_model.questions.answers import Answer, NothingKnownError, clean, clock, duration, iso, listed, told
 from world_model.questions.elsewhere import WEEKS, weeks_of
-from world_model.questions.moments import Span, moment
+from world_model.questions.moments import Span, When, moment
 from world_model.questions.naming import described, one_named, place_named, spoken, where_words
 from world_model.questions.recall import Recall, Trust, ranked, remembered
-from world_model.questions.where import is_at, objects_at, places_of, where_usually
+from world_model.questions.where import is_at, objects_at, places_of, usual_places, usual_spans, where_usually
 from world_model.state import BELIEVED, DAY, SURE, most_probable
 
 LEAST_DAYS = 2.0
 AHEAD = 2 * 3600.0
 
 
-def what_is_usually_here(world: Recall, place: str) -> Answer:
+def what_is_usually_here(world: Recall, place: str, when: When = None) -> Answer:
     """What is at a place for at least half of the time of the last four weeks. value : ids.
 
-    Raises NothingKnownError.
+    when : at a time of day or on a weekday. Raises NothingKnownError, and as `usual_spans`.
     """
     where = place_named(world, place)
-    start = world.now - WEEKS
-    inside = {
-        line.id: world.inside(where, line.shares(start, world.now, absent=True)) for line in _all_weeks(world)
-    }
+    spans, then = usual_spans(world, when)
+    inside = {line.id: world.inside(where, line.shares_of(spans, absent=True)) for line in _all_weeks(world)}
     shares = {name: inside[name] for name in inside if inside[name] > Trust.NAMED}
     usual = [name for name in ranked(shares) if shares[name] >= BELIEVED]
     named = [f"{described(world, name)} ({100 * shares[name]:.0f} % of the time)" for name in usual]
     others = [name for name in ranked(shares) if shares[name] < BELIEVED]
     now_and_then = [f"{described(world, name)} ({100 * shares[name]:.0f} %)" for name in others[:4]]
-    at = spoken(world, where)
+    at = spoken(world, where) + then
     sentence = f"Usually {at}: {listed(named)}" if named else f"Nothing is usually {at}"
     if now_and_then:
         sentence += f"; now and then {listed(now_and_then)}"
     probability = Trust.SEEN * math.prod(_certain(share) for share in shares.values())
     options = objects_at(where, shares)
     return Answer.stated(sentence, "what_is_usually_here", probability, world.now, usual, (), options)
+
+
+def is_usually_at(world: Recall, what: str, place: str, when: When = None) -> Answer:
+    """Whether an object was at a place for at least half of the time of the last four weeks. value : bool.
+
+    when : at a time of day or on a weekday. Raises as `where_usually`.
+    """
+    usual = where_usually(world, what, when)
+    share = world.inside(place_named(world, place), usual_places(world, one_named(world, what), when))
+    said, p = "Yes" if share >= BELIEVED else "No", Trust.SEEN * _certain(share)
+    sentence = f"{said}, {100 * share:.0f} % of the time, {told(p)}: {usual.sentence}"
+    return replace(usual, kind="is_usually_at", value=share >= BELIEVED, probability=p, sentence=sentence)
 
 
 def _certain(share: float) -> float:

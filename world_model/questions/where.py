@@ -16,6 +16,7 @@ from world_model.memory.stays import ObjectStay, Timeline
 from world_model.questions.answers import (
     Answer,
     NothingKnownError,
+    NotUnderstoodError,
     clean,
     clock,
     duration,
@@ -25,7 +26,7 @@ from world_model.questions.answers import (
     told,
 )
 from world_model.questions.elsewhere import WEEKS, elsewhere, weeks_of
-from world_model.questions.moments import Span, When, moment
+from world_model.questions.moments import Span, When, moment, recurring
 from world_model.questions.naming import (
     Meant,
     at_the,
@@ -45,15 +46,18 @@ HIDDEN = 0.89  # The most that is told of a place where something was not seen: 
 LATELY = 6 * 3600.0  # s: what went from where it was no longer ago may be where it usually goes then
 
 
-def where_is(world: Recall, what: str) -> Answer:
-    """Where an object is now. value : name of the place. Several that fit are all told of. Raises NothingKnownError."""
+def where_is(world: Recall, what: str, every: bool = False) -> Answer:
+    """Where an object is now. value : name of the place. Several that fit are all told of. Raises NothingKnownError.
+
+    every : they are all meant, also where the words are no plural.
+    """
     meant = things_named(world, what)
     alone = len(meant.ids) == 1
     each = [_where(world, name, world.now, "where_is", alone and meant.by_name) for name in meant.ids]
     known = [k for k, answer in enumerate(each) if alone or answer.value]
     if len(known) == 1 and (alone or not meant.plural):
         return _doubted(world, each[known[0]], meant.ids[known[0]], meant.kind)
-    return _several(world, meant.ids, each, meant.plural)
+    return _several(world, meant.ids, each, meant.plural or every)
 
 
 def _doubted(world: Recall, answer: Answer, name: str, kind: str | None) -> Answer:
@@ -264,22 +268,44 @@ def _missing(world: Recall, name: str, line: Timeline, stay: ObjectStay, stamp: 
     return Answer(f"{sentence}.", "where_is", probability, iso(stamp), None, evidence, tuple(options))
 
 
-def usual_places(world: Recall, name: str) -> dict[str, float]:
-    """Share of the time of the last weeks by place."""
-    return weeks_of(world, name).shares(world.now - WEEKS, world.now)
+def usual_spans(world: Recall, when: When = None) -> tuple[list[tuple[float, float]], str]:
+    """The last weeks, or a time of day or a weekday in them, from and to in s; and how a sentence says it.
+
+    Raises NotUnderstoodError for a time that comes once, InputError for no time.
+    """
+    if when is None:
+        return [(world.now - WEEKS, world.now)], ""
+    span = when if isinstance(when, Span) else moment(when, world.now)
+    spans = recurring(span, world.now, WEEKS)
+    if not spans:
+        raise NotUnderstoodError(
+            f'I can tell what is usual at all hours, at a time of day or on a weekday, not "{clean(span.words)}"; ask '
+            "what was so at that time."
+        )
+    at = "" if span.lasts else f" ({clock(span.start)[11:]})"
+    return spans, f" {clean(span.words)}{at}"
 
 
-def where_usually(world: Recall, what: str) -> Answer:
-    """Where an object usually is. value : name of the place. Raises NothingKnownError or AmbiguousError."""
-    name = one_named(world, what)
-    shares = usual_places(world, name)
+def usual_places(world: Recall, name: str, when: When = None) -> dict[str, float]:
+    """Share of the time of the last weeks by place, as of `usual_spans`."""
+    return weeks_of(world, name).shares_of(usual_spans(world, when)[0])
+
+
+def where_usually(world: Recall, what: str, when: When = None) -> Answer:
+    """Where an object usually is, at all hours or at a time of day or a weekday. value : name of the place.
+
+    Raises NothingKnownError or AmbiguousError, and as `usual_spans`.
+    """
+    name, then = one_named(world, what), usual_spans(world, when)[1]
+    shares = usual_places(world, name, when)
     if not shares:
-        raise NothingKnownError(f"{clean(name)} was not seen in the last four weeks.")
+        raise NothingKnownError(f"{clean(name)} was not seen{then} in the last four weeks.")
     order = ranked(shares)
     likely = [
         f"{spoken(world, place)} ({100 * shares[place]:.0f} %)" for place in order[:4] if shares[place] > 0.05
     ]
-    first = f"{spoken(world, order[0])} ({100 * shares[order[0]]:.0f} % of the last four weeks)"
+    whole = "that time in the last four weeks" if then else "the last four weeks"
+    first = f"{spoken(world, order[0])}{then} ({100 * shares[order[0]]:.0f} % of {whole})"
     rest = f"; else {listed(likely[1:])}" if likely[1:] else ""
     second = shares[order[1]] if len(order) > 1 else 0.0
     probability = min(Trust.SEEN, 0.5 + 2.0 * (shares[order[0]] - second))

@@ -19,7 +19,7 @@ _BEFORE_IT = (
     "forgotten|not|any|idea|let"
 )
 """Of these are the polite words in front of a question."""
-_NOUN = r"(?:the|my|our|your|his|her|their|any|a|an|that|this) .+?"
+_NOUN = r"(?:all )?(?:the|my|our|your|his|her|their|any|a|an|that|this) .+?"
 _LIES = r"(?:lying|laying|laid|sitting|standing|stored|located|situated|hidden|hiding|resting|kept)"
 _HOME = r"(?:in|at|around|inside) (?:the|our|my|your|this) (?:whole |entire )?(?:house|home|flat|apartment)"
 FUNCTION_WORDS = (  # noqa: SIM905
@@ -37,14 +37,14 @@ _SHORT = (
 _AROUND = (
     (r"[?!.\s]+$", ""),
     (r"^(?:hey|hello|hi|ok|okay|robot|so|and|well|sorry|excuse me|thanks|please)\b[, ]+", ""),
-    (r"(?:,? (?:please|thanks|thank you|exactly|by any chance|for me|any ?more|robot)|, then)$", ""),
+    (r"(?:,? (?:please|thanks|thank you|exactly|by any chance|for me|any ?more|robot|or not)|, then)$", ""),
     (r",? (?:and )?where (?:is|are) (?:it|they)$|,? (?:have you seen (?:it|them)|any ideas?)$", ""),
     (rf"^(?:(?:{_BEFORE_IT})\b,? )+(?={_ASKING}\b|(?:find|locate|show|list|look|search)\b)", ""),
 )  # fmt: skip
 _ORDER = (
     # What somebody looks for is asked for.
     (rf"^(?:have|has|had|did) {_ANYBODY} seen? (?=(?:anybody|anyone|somebody|someone|people)\b)", "was "),
-    (rf"^(?:have|has|had|did) {_ANYBODY} (?:seen?|find|found|spotted?) (?=\w)", "where is "),
+    (rf"^(?:have|has|had|did|do|can|could) {_ANYBODY} (?:seen?|find|found|spotted?) (?=\w)", "where is "),
     (r"^(?:i|we) (?:can|could|do) not (?:seem to )?(?:find|see|locate) (.+?)$", r"where is \1"),
     (r"^(?:i am |we are )?(?:looking|searching|hunting) for (.+)$", r"where is \1"),
     (r"^(?:i|we) (?:have )?(?:lost|misplaced|mislaid) (.+)$", r"where is \1"),
@@ -67,6 +67,13 @@ _ORDER = (
     (rf"\b(is|are|was|were|been|be|there) {_LIES}\b", r"\1"),
     (rf"^(where (?:is|are|was|were) .+) {_LIES}$", r"\1"),
     (rf"\b{_HOME}\b", "here"),
+    (r"\b(?:every|each) day\b", "usually"),
+    (r"\b(?:every|each) (?=(?:morning|afternoon|evening|night)\b)", "usually in the "),
+    (r"\b(?:every|each) (?=\w+day\b)", "usually on "),
+    (r"\b(?:on )?((?:mon|tues|wednes|thurs|fri|satur|sun)day)s\b", r"usually on \1"),
+    (r"\b(?:on |at )?(?:every weekend|(?:the )?weekends)\b", "usually at the weekend"),
+    (r"\bin the (morning|afternoon|evening)s\b", r"usually in the \1"),
+    (r"^who (is|was) (?:the )?last(?: one| to be)?\b(?! person)", r"who \1 the last person"),
     (r"^where here\b", "where"),
     (r"^where (?:does|do) (?!(?:you|we|i|one)\b)", "where usually did "),
     (r"\b(?:put|placed|laid) (?:on|onto|in|into)\b", "came to"),
@@ -83,7 +90,7 @@ _MEANT = {
     "seen": "see|sees|saw|spot|spotted|notice|noticed",
     "gone": "go missing|gone missing|went missing|going missing|get lost|got lost|missing|lost|disappear|disappeared|"
     "vanish|vanished|away|go|went",
-    "came": "come|comes|arrive|arrives|arrived|return|returns|returned|enter|entered|visit|visited|get|got",
+    "came": "come|comes|added|arrive|arrives|arrived|return|returns|returned|enter|entered|visit|visited|get|got",
     "left": "leave|leaves",
     "anyone": "the last person|any person|anybody|somebody|someone|any people|people|persons",
     "who": "who all|which people|what people",

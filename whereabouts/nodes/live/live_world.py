@@ -26,6 +26,8 @@ from world_model.symbols import Symbols, default_symbols
 PATIENCE = 5.0
 """s in which a node that runs answers."""
 NODE = "world_model"
+SAME_STAMP = 1e-3
+"""s between stamps that are the same, one of them rounded."""
 
 
 class NoWorldError(WhereaboutsError):
@@ -112,10 +114,13 @@ def live_world(client: Client, places: Places | None = None) -> Iterator[Recall]
     symbols = (
         Symbols.load(symbols_file) if symbols_file and Path(symbols_file).is_file() else default_symbols()
     )
+    state = state_from_message(message)
     if path and Path(path).is_file():
         with Store(path, read_only=True) as store:
-            yield Recall.of_store(store, places, symbols)
-        return
-    state = state_from_message(message)
+            # A relative path, or one of another machine, may lead to another file here.
+            epoch, stamp, _ = store.newest()
+            if epoch == state.epoch and (stamp or 0.0) > state.stamp - SAME_STAMP:
+                yield Recall.of_store(store, places, symbols)
+                return
     present = {item.id: item for item in state.objects}
     yield Recall(state.stamp, state.epoch, present, places or Places(), symbols)

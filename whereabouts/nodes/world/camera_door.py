@@ -118,7 +118,15 @@ class CameraDoor:
             depth, at = self._image(stamp, frame, camera)
             turned = self._turned(frame, robot.matrix, stamp, at)
         return CameraView(
-            camera, robot.matrix, depth, scan, robot.pose_covariance, robot.origin, self.rates, turned=turned
+            camera,
+            robot.matrix,
+            depth,
+            scan,
+            robot.pose_covariance,
+            robot.origin,
+            self.rates,
+            turned=turned,
+            name=frame,
         )
 
     def _turned(self, frame: str, pose: Array, stamp: int, at: int) -> Array | None:

@@ -9,7 +9,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from estimation.checks import FloatArray as Array
 from estimation.errors import InputError
-from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message
+from whereabouts.nodes.messages.conversions import PLANAR, pose_from_message, stated_covariance
 from whereabouts.nodes.messages.stamps import NANOSECONDS
 from whereabouts.nodes.messages.transforms import check_frame, frame_name
 from whereabouts.nodes.ros.base import SuiteNode
@@ -60,8 +60,8 @@ class SeenFrames:
     def _take_pose(self, message: PoseWithCovarianceStamped, stamp: int) -> None:
         check_frame("robot_pose", message.header.frame_id, self._map)
         pose_from_message(message.pose.pose)
-        covariance = np.array(message.pose.covariance).reshape(6, 6)
-        self.pose = (stamp, covariance[np.ix_(PLANAR, PLANAR)])
+        covariance = stated_covariance(message.pose.covariance, PLANAR)
+        self.pose = None if covariance is None else (stamp, covariance)
 
 
 def _frame(message: Any) -> str:

@@ -28,6 +28,7 @@ STRAINED = 8.0  # mean squared Mahalanobis distance, 2 or 3 expected, from which
 TURNS = 0.01  # probability of that at any look
 UNSEEN = 0.1  # s: who was not seen for longer may be anywhere near
 ATTRIBUTE_FLOOR = 1e-4
+SAME = 1e-9  # Between two probabilities of which neither is the larger
 
 
 @numba.njit(cache=True)
@@ -46,11 +47,13 @@ def inverse_3x3(m, out):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def class_of(attributes, classes):  # type: ignore[no-untyped-def]
-    """Row of `motion` for the attributes (A,) of a leaf: its most probable class, the default where there are none."""
+    """Row of `motion` for the attributes (A,) of a leaf: its most probable class, the default where there is none."""
     best, at = 0.0, classes
     for k in range(classes):
-        if attributes[k] > best:
+        if attributes[k] > best + SAME:
             best, at = attributes[k], k
+        elif attributes[k] > best - SAME:
+            at = classes
     return at
 
 
