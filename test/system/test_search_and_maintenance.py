@@ -20,6 +20,7 @@ from whereabouts.nodes.messages.conversions import spatial_covariance
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
 from whereabouts.nodes.ros.qos import LATCHED
+from whereabouts.nodes.runtime.supervisor import NodeSpec
 from whereabouts_msgs.action import FindObject, VerifyObject
 from whereabouts_msgs.msg import (
     Attribute,
@@ -60,10 +61,16 @@ class House:
         self._reports: dict[str, tuple[int, list[Processed]]] = {}
         self.server = ActionServer(graph.node, VerifyObject, "verify_object", self._verify)
 
-    def start(self, name: str, **parameters: Any) -> None:
+    def start(self, name: str, **parameters: Any) -> NodeSpec:
         """Start a node that follows the world; the robot waits for it from now on."""
-        self.graph.start(name, **parameters)
+        spec = self.graph.start(name, **parameters)
         self._reports[name] = self.stamp, self.graph.collect(Processed, f"{name}/processed")
+        return spec
+
+    def kill(self, name: str, spec: NodeSpec) -> None:
+        """Kill a node, which is not waited for any more."""
+        del self._reports[name]
+        self.graph.kill(spec)
 
     def behind(self) -> int:
         """How old the world is that the slowest of the nodes has heard of, ns."""
@@ -282,6 +289,26 @@ def test_what_was_looked_for_in_vain_is_handed_to_the_search(
     ):
         # More than once where the first search was given up.
         run_until(graph, house, lambda: int(figures(diagnostics, node).get(figure, 0)) > 0, what)  # noqa: B023
+
+
+def test_maintenance_goes_on_when_the_search_dies(
+    started: tuple[Graph, House, list[WorldState], list[TaskMessage]],
+) -> None:
+    graph, house, states, _ = started
+    bases = graph.collect(Bool, "base_available", LATCHED)
+    start_maintenance(house, use_sim_time=False, search_for_lost=True)
+    search = house.start("object_search", rate=10.0, view=1.2)
+    far = run_until(graph, house, lambda: the(states, "bed"), "the bed is known")
+    cup = run_until(graph, house, lambda: the(states, "cup"), "the cup is known")
+    house.goal = np.array([-1.5, 0.5])
+    run_until(graph, house, lambda: "cup" not in house.visible(), "the robot has turned away")
+    del house.things["cup"]
+    run_until(graph, house, lambda: trigger(graph, cup.id), "maintenance takes the trigger")
+    run_until(graph, house, lambda: bases and not bases[-1].data, "the search has the base")
+    house.kill("object_search", search)
+    house.verified.clear()
+    run_until(graph, house, lambda: trigger(graph, far.id), "maintenance takes another trigger")
+    run_until(graph, house, lambda: far.id in house.verified, "the robot drives to the bed")
 
 
 def test_maintenance_goes_on_when_the_verifier_does_not_answer(

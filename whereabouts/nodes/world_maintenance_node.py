@@ -308,7 +308,12 @@ class WorldMaintenanceNode(SuiteNode):
 
     def _search_goes_first(self, state: WorldState) -> bool:
         """Whether something lost is searched for, or waits until it can be."""
-        return self._finder is not None and self._finder.look(state, self._available, self._now())
+        if self._finder is None:
+            return False
+        if self._finder.broken_off():
+            # It was the search that had taken the base, and cannot give it back.
+            self._available = True
+        return self._finder.look(state, self._available, self._now())
 
     def _finish(self, task: VerificationTask, outcome: str) -> None:
         self._outcomes[outcome] += 1

@@ -63,6 +63,14 @@ class Errands:
         """An object that somebody wants is lost."""
         self._waiting[object_id] = class_name
 
+    def broken_off(self) -> bool:
+        """Whether who searched has ended in the middle of it, and the search with him: nothing more is heard of it."""
+        broken = bool(self._searching) and not self._caller.ready
+        if broken:
+            self._searching = ""
+            self._run += 1
+        return broken
+
     def look(self, state: WorldState, available: bool, now: float) -> bool:
         """Send the next search where the base is free, at `now`, s; whether maintenance has to leave the base alone."""
         if self._searching:
