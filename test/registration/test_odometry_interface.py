@@ -54,6 +54,7 @@ def test_reset_starts_over_and_allows_the_other_kind() -> None:
         (room_scan(0.0), 0.0, [0.0, 0.0], "guess"),
         (room_scan(0.0), 0.0, [0.0, np.nan, 0.0], "guess"),
         (room_scan(0.0), "now", None, "stamp"),
+        (room_scan(0.0), 1.7e12, None, "stamp"),
         (None, 0.0, None, "scan_or_cloud"),
         (np.zeros((60, 3)), 0.0, 2.0 * np.eye(4), "guess"),
     ],
