@@ -102,7 +102,8 @@ def _outline(points: FloatArray) -> FloatArray:
     Whose residuals lean together is told by who is next to whom; and millions of points say no more than thousands.
     """
     finite = points[np.isfinite(points).all(axis=1)]
-    cells = np.floor(finite / DENSE).view(np.complex128)[:, 0]  # one number each: sorted in a tenth of the time
+    # One number each is sorted in a tenth of the time.
+    cells = np.floor(finite / DENSE).view(np.complex128)[:, 0]
     _, first = np.unique(cells, return_index=True)
     kept = finite[np.sort(first)]
     return kept[np.argsort(np.arctan2(kept[:, 1], kept[:, 0]), kind="stable")]
