@@ -125,7 +125,7 @@ def _judged(
 
 
 def _surfaces(source: FloatArray, target: FloatArray, leaf: float) -> tuple[Any, Any, Any]:
-    """Both clouds (N, 3) as small_gicp takes them, one point per voxel of `leaf` metres, and the target's search tree."""
+    """Both clouds (N, 3) as small_gicp takes them, one point per voxel of `leaf` metres; the target's search tree."""
     # Imported here: planar registration needs neither the library nor the time to load it.
     import small_gicp
 
@@ -153,7 +153,7 @@ def _gicp(surfaces: tuple[Any, Any, Any], start: FloatArray, near: float, most: 
 
 
 def _neighbours(cloud: FloatArray, leaf: float) -> int:
-    """How many points around each its plane is made of: as few as make planes, not lines of a ring or lumps of noise."""
+    """How many points around each its plane is made of: as few as make planes, no lines of a ring, no lumps."""
     points = thin(cloud, leaf)
     sample, tree = points[:: max(1, len(points) // SAMPLE)], cKDTree(points)
     for count in NEIGHBOURS[:-1]:

@@ -39,7 +39,9 @@ def motion(x: float, y: float, yaw: float) -> np.ndarray:
 def test_the_rings_of_a_scanner_do_not_hold_it(rings: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     start, step = motion(*rng.uniform(-0.5, 0.5, 3)), motion(*rng.uniform(-0.4, 0.4, 3))
-    found = align(ringed(start @ step, rings, rng), ringed(start, rings, rng), step @ motion(0.05, -0.05, 0.02))
+    found = align(
+        ringed(start @ step, rings, rng), ringed(start, rings, rng), step @ motion(0.05, -0.05, 0.02)
+    )
     off = np.linalg.inv(step) @ found.transform
     assert np.linalg.norm(off[:3, 3]) < 0.02
     assert Rotation.from_matrix(off[:3, :3]).magnitude() < 0.01
