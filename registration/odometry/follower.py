@@ -164,6 +164,7 @@ def _as_cloud(measurement: Scan | ArrayLike, times: ArrayLike | None) -> tuple[F
 def _in_plane(step: Step) -> Step:
     """A step of KISS-ICP on a scan lifted to z = 0, back in the plane."""
     keep = np.ix_([0, 1, 5], [0, 1, 5])
+    drift, noise = (None if part is None else part[keep] for part in (step.drift, step.noise))
     return Step(
         matrix_to_planar(step.increment),
         step.covariance[keep],
@@ -171,4 +172,6 @@ def _in_plane(step: Step) -> Step:
         step.reason,
         step.fitness,
         step.static_points[:, :2],
+        drift,
+        noise,
     )
