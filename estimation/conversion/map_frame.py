@@ -30,7 +30,10 @@ __all__ = ["check_pose", "convert_to_map", "convert_with_ratio", "sample_in_map"
 
 
 def check_pose(robot_pose: npt.ArrayLike, robot_covariance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """A planar pose (3,) with yaw within ±π and its covariance (3, 3), positive semi-definite (zero: exact)."""
+    """A planar pose (3,) with yaw within ±π and its covariance (3, 3), positive semi-definite (zero: exact).
+
+    The deviation of yaw is up to π rad: of a heading that is unknown, conversions know nothing.
+    """
     pose = as_vectors("robot_pose", robot_pose, 3)
     if pose.ndim != 1:
         raise InputError(f"robot_pose must have shape (3,), not {pose.shape}")
@@ -38,6 +41,7 @@ def check_pose(robot_pose: npt.ArrayLike, robot_covariance: npt.ArrayLike) -> tu
     P = repair_covariance(robot_covariance, "robot_covariance", definite=False)
     if P.shape != (3, 3):
         raise InputError(f"robot_covariance must have shape (3, 3), not {P.shape}")
+    check_angle("deviation of robot_pose yaw", np.sqrt(P[2, 2]))
     return pose, P
 
 

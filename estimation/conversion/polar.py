@@ -59,12 +59,17 @@ def check_angle(name: str, value: npt.ArrayLike, limit: float = np.pi) -> FloatA
     return array
 
 
+def check_spread(name: str, value: npt.ArrayLike) -> FloatArray:
+    """Finite array of an angle's standard deviations, above 0 and up to π, rad: in degrees they would be more."""
+    return check_positive(name, check_angle(name, value))
+
+
 def check_measurement(
     range_: npt.ArrayLike, bearing: npt.ArrayLike, sigma_range: npt.ArrayLike, sigma_bearing: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Range, bearing and their standard deviations as arrays that broadcast; InputError naming the argument."""
     r, sr = check_positive("range_", range_), check_positive("sigma_range", sigma_range)
-    theta, st = check_angle("bearing", bearing), check_positive("sigma_bearing", sigma_bearing)
+    theta, st = check_angle("bearing", bearing), check_spread("sigma_bearing", sigma_bearing)
     require_fitting(range_=r, bearing=theta, sigma_range=sr, sigma_bearing=st)
     return r, theta, sr, st
 
@@ -129,7 +134,8 @@ def convert(
     """Mean (..., 2) and covariance (..., 2, 2), m and m², in the frame the bearing is measured in (6.3).
 
     range_ : m, > 0. bearing : rad, within ±π. sigma_range, sigma_bearing : standard deviations, m and rad,
-    > 0. All scalars or arrays that broadcast against each other. samples, seed : of method "sampled" only.
+    > 0, the latter up to π. All scalars or arrays that broadcast against each other. samples, seed : of method
+    "sampled" only.
     An uncertain robot heading adds to the bearing and its variance (6.6); see `estimation.conversion.map_frame`.
     Raises InputError naming the argument.
     """

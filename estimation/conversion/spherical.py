@@ -17,6 +17,7 @@ from estimation.conversion.polar import (
     check_angle,
     check_method,
     check_positive,
+    check_spread,
     moments_of_samples,
 )
 from estimation.errors import InputError
@@ -106,7 +107,8 @@ def convert_spherical(
     """Mean (..., 3) and covariance (..., 3, 3), m and m², in the frame the angles are measured in.
 
     range_ : m, > 0. bearing : about z, within ±π; elevation : above the xy-plane, within ±π/2, rad. Standard
-    deviations > 0, m and rad. Scalars or arrays that broadcast. Raises InputError naming the argument.
+    deviations > 0, m and rad, of angles up to π. Scalars or arrays that broadcast. Raises InputError naming the
+    argument.
     """
     check_method(method)
     given = {
@@ -114,8 +116,8 @@ def convert_spherical(
         "bearing": check_angle("bearing", bearing),
         "elevation": check_angle("elevation", elevation, np.pi / 2),
         "sigma_range": check_positive("sigma_range", sigma_range),
-        "sigma_bearing": check_positive("sigma_bearing", sigma_bearing),
-        "sigma_elevation": check_positive("sigma_elevation", sigma_elevation),
+        "sigma_bearing": check_spread("sigma_bearing", sigma_bearing),
+        "sigma_elevation": check_spread("sigma_elevation", sigma_elevation),
     }
     require_fitting(**given)
     r, b, e, sr, sb, se = np.broadcast_arrays(*given.values())
@@ -160,8 +162,9 @@ def convert_spherical_to_map(
     if pose.ndim != 1 or P.shape != (6, 6):
         raise InputError(f"robot_pose and robot_covariance must be (6,), (6, 6), not {pose.shape}, {P.shape}")
     upright = bool((pose[3:5] == 0).all())
-    sb = check_positive("sigma_bearing", sigma_bearing)
+    sb = check_spread("sigma_bearing", sigma_bearing)
     heading = P[5, 5] if upright else 0.0
+    check_angle("deviation of robot_pose yaw", np.sqrt(heading))
     total = np.sqrt(sb**2 + heading)
     mean, cov = convert_spherical(
         range_, bearing, elevation, sigma_range, total, sigma_elevation, method, samples, seed

@@ -12,14 +12,16 @@ from estimation.conversion.conversion_kernels import mucm_local, rotated, to_map
 # What `update_kalman` returns; 0 is success.
 PROBLEMS = {
     1: "robot_pose must be finite with a yaw within ±π",
-    2: "robot_covariance must be finite, symmetric and positive semi-definite",
+    2: "robot_covariance must be finite, symmetric and positive semi-definite, its yaw variance up to π² rad²",
     3: "measurement must be finite: a range above 0 and a bearing within ±π",
-    4: "covariance must be finite and diagonal with variances above 0 (range and bearing are independent)",
+    4: "covariance must be finite and diagonal (range and bearing are independent) with variances above 0, the "
+    "bearing's up to π² rad²",
 }
 # What `check` also returns: the robot's covariance is indefinite or asymmetric, but by no more than rounding.
 ROUNDED = -1
 _ROOM = 1e-6
 _ROUNDING = 1e-9
+WIDEST = (math.pi + _ROOM) ** 2  # rad², variance of an angle; one in degrees is more
 
 
 @numba.njit(cache=True)
@@ -50,13 +52,13 @@ def check(pose, P, z, R):  # type: ignore[no-untyped-def]
     """0, `ROUNDED`, or the number of the problem in `PROBLEMS`. z (M, 2), R (1 or M, 2, 2)."""
     if not (math.isfinite(pose[0]) and math.isfinite(pose[1]) and abs(pose[2]) <= math.pi + _ROOM):
         return 1
-    if not _semi_definite(P, _ROUNDING):
+    if not _semi_definite(P, _ROUNDING) or P[2, 2] > WIDEST:
         return 2
     for i in range(z.shape[0]):
         if not (0.0 < z[i, 0] < math.inf and abs(z[i, 1]) <= math.pi + _ROOM):
             return 3
     for i in range(R.shape[0]):
-        if not (0.0 < R[i, 0, 0] < math.inf and 0.0 < R[i, 1, 1] < math.inf):
+        if not (0.0 < R[i, 0, 0] < math.inf and 0.0 < R[i, 1, 1] <= WIDEST):
             return 4
         if R[i, 0, 1] != 0.0 or R[i, 1, 0] != 0.0:
             return 4

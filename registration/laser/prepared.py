@@ -22,6 +22,7 @@ from registration.laser.scan import Scan
 from registration.laser.surface import Surface, points_surface, scan_surface
 from registration.laser.target_lines import TargetLines, target_of
 
+DENSE = 0.02  # metres; with more points, the neighbours of a point lie within their noise
 NOISE = 0.01  # metres, standard deviation of a range until the data show their own
 
 
@@ -92,7 +93,20 @@ def prepare(name: str, measurement: Scan | ArrayLike) -> PreparedScan:
     points = as_floats(name, measurement)
     if points.ndim != 2 or points.shape[1] != 2:
         raise InputError(f"{name}: Scan or array (N, 2) or (N, 3) expected, got shape {points.shape}")
-    return PreparedScan(points_surface(points[np.isfinite(points).all(axis=1)], NOISE), NOTHING_SEEN)
+    return PreparedScan(points_surface(_outline(points), NOISE), NOTHING_SEEN)
+
+
+def _outline(points: FloatArray) -> FloatArray:
+    """Finite points (M, 2) around the sensor, as a scan has them, one of each cell of `DENSE`, of points (N, 2).
+
+    Whose residuals lean together is told by who is next to whom; and millions of points say no more than thousands.
+    """
+    finite = points[np.isfinite(points).all(axis=1)]
+    # One number each is sorted in a tenth of the time.
+    cells = np.floor(finite / DENSE).view(np.complex128)[:, 0]
+    _, first = np.unique(cells, return_index=True)
+    kept = finite[np.sort(first)]
+    return kept[np.argsort(np.arctan2(kept[:, 1], kept[:, 0]), kind="stable")]
 
 
 Of = TypeVar("Of")

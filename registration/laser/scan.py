@@ -8,7 +8,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.checks import as_floats, as_number
+from estimation.checks import as_floats, as_number, as_stamp
 from estimation.errors import InputError
 
 # Finest and widest step between beams, radians: whatever turns bearings into indices divides by it.
@@ -55,6 +55,7 @@ class Scan:
             value = getattr(self, name)
             unbounded = name == "range_max" and isinstance(value, Real) and value == np.inf
             object.__setattr__(self, name, np.inf if unbounded else as_number(name, value))
+        as_stamp("stamp", self.stamp)
         if not self.range_max > self.range_min:
             raise InputError(f"range_max: must exceed range_min = {self.range_min}, got {self.range_max}")
         if not FINEST <= abs(self.angle_increment) <= TURN:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimation.checks import FloatArray, as_floats, as_number
+from estimation.checks import FloatArray, as_floats, as_stamp
 from estimation.errors import InputError
 from registration.laser.own_body import OwnBody
 from registration.laser.scan import Scan
@@ -89,7 +89,7 @@ class Odometry:
         planar = isinstance(scan_or_cloud, Scan)
         shape = (3,) if planar else (4, 4)
         motion = None if guess is None else as_guess(guess, shape, np.zeros(shape))
-        stamp = as_number("stamp", stamp)
+        stamp = as_stamp("stamp", stamp)
         if isinstance(scan_or_cloud, Scan) and self.config.scan_method == "local_map":
             within = None if sweep is None else as_guess(sweep, shape, np.zeros(shape))
             self._go_on_with(planar)
@@ -164,6 +164,7 @@ def _as_cloud(measurement: Scan | ArrayLike, times: ArrayLike | None) -> tuple[F
 def _in_plane(step: Step) -> Step:
     """A step of KISS-ICP on a scan lifted to z = 0, back in the plane."""
     keep = np.ix_([0, 1, 5], [0, 1, 5])
+    drift, noise = (None if part is None else part[keep] for part in (step.drift, step.noise))
     return Step(
         matrix_to_planar(step.increment),
         step.covariance[keep],
@@ -171,4 +172,6 @@ def _in_plane(step: Step) -> Step:
         step.reason,
         step.fitness,
         step.static_points[:, :2],
+        drift,
+        noise,
     )

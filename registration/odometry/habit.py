@@ -7,14 +7,18 @@ expected. Elsewhere it would drive a sensor on that has stopped where nothing te
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from estimation.checks import FloatArray
 from estimation.geometry.poses import wrap_angle
+from registration.laser.sweep import GAP
 
 MEMORY = 50  # motions over which it is learned; 200 do about the same
 FEWEST = 15  # motions before their median is made use of
 APART = 0.7  # metres between scans from which on they are taken to be kept by distance
+ROUNDED = 0.25  # stamps that jitter do not make two periods of one
 UNTRIED = 0.5  # m and radians, deviation from a guess before any was tried
 
 
@@ -30,7 +34,19 @@ class Habit:
         # Squared deviations of motions from what was typical before them, and from the motion before.
         self._errors = np.zeros((MEMORY, 2, 3))
         self._typical = np.zeros(3)
+        self._times: deque[float] = deque(maxlen=MEMORY)  # s, between scans
         self.regular = False
+
+    def periods(self, elapsed: float) -> int:
+        """How many of the usual times between scans have passed in `elapsed` s, as scans were lost: one at least.
+
+        Over a longer gap a motion does not go on.
+        """
+        if elapsed <= 0.0:
+            return 1
+        self._times.append(elapsed)
+        usual = sorted(self._times)[len(self._times) // 2]
+        return max(1, int(min(elapsed, GAP) / usual + ROUNDED))
 
     def learn(self, motion: FloatArray, last: FloatArray) -> None:
         """Take in a sure motion that followed `last`."""

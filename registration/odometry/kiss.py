@@ -47,6 +47,7 @@ class KissTracker:
         self._noise = noise
         self._static_distance = static_distance
         self._previous: cKDTree | None = None
+        self._blind = 0  # clouds in a row that could not be registered
 
     def step(self, cloud: FloatArray, guess: FloatArray | None, times: FloatArray | None) -> Step:
         """Register one cloud (N, 3) metres.
@@ -66,7 +67,11 @@ class KissTracker:
         if not len(source):
             engine.last_pose = _rigid(before @ predicted)
             reason += ": the pose is predicted"
-            return Step(predicted.copy(), OPEN_VARIANCE * np.eye(6), False, reason, 0.0, cloud[:0])
+            self._blind += 1
+            # The doubt is gone once a cloud is laid on the map again.
+            doubt, lasting = OPEN_VARIANCE * np.eye(6), np.zeros((6, 6))
+            return Step(predicted.copy(), doubt, False, reason, 0.0, cloud[:0], lasting, self._blind * doubt)
+        doubt_before, self._blind = self._blind * OPEN_VARIANCE * np.eye(6), 0
         previous, self._previous = self._previous, cKDTree(source)
         if previous is None:
             return Step(np.eye(4), np.zeros((6, 6)), True, "", 1.0, frame)
@@ -75,7 +80,7 @@ class KissTracker:
         covariance, reason = self._covariance(source, increment)
         if not reason and fitness < 0.3:
             reason = f"only {fitness:.0%} of the points agree with the previous cloud"
-        return Step(increment, covariance, not reason, reason, fitness, static)
+        return Step(increment, covariance + doubt_before, not reason, reason, fitness, static, covariance)
 
     def _support(
         self, frame: FloatArray, source: FloatArray, increment: FloatArray, previous: cKDTree

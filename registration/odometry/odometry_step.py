@@ -27,7 +27,7 @@ class Step:
     static_points : (M, 2 | 3) metres, sensor frame, points judged not to move.
     drift : covariance that stays, of the increment; what is left of `covariance` is the measurement's own noise and
         gone with the next one. None where all of it stays.
-    noise : (3, 3) of the pose against the map it was registered to, odometry frame; None where there is none.
+    noise : (3, 3) or (6, 6) of the pose against the map it was registered to, odometry frame; None where there is none.
     """
 
     increment: FloatArray

@@ -17,7 +17,14 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.checks import FloatArray
-from estimation.geometry.poses import between, compound, inverse, transform_points, wrap_angle
+from estimation.geometry.poses import (
+    between,
+    compound,
+    compound_jacobians,
+    inverse,
+    transform_points,
+    wrap_angle,
+)
 from registration.laser.local_map import LineMap
 from registration.laser.prepared import NOISE, PreparedScan, view_of
 from registration.laser.range_noise import RangeNoise
@@ -57,13 +64,14 @@ class ScanTracker:
         self._key, self._sure = np.zeros(3), np.zeros(3)
         self._sure_at = 0.0  # s
         self._at_best = 0.0  # nat, the lowest odds that a scan has had at best since the map was lost
-        self._last = np.zeros(3)  # motion of the last step
+        self._last = np.zeros(3)  # motion of the last step, which took as many times the usual
+        self._periods = 1
         self._stamp: float | None = None
         # Motion from the first beam of the last scan to the middle of its sweep, and its covariance.
         self._ahead = np.zeros(3), np.zeros((3, 3))
         self._travelled = 0.0
         self._lost = self._open = 0
-        self._noise = np.zeros((3, 3))  # covariance of the last scan against the map, odometry frame
+        self._noise = np.zeros((3, 3))  # covariance of the pose against the map, odometry frame
 
     def _empty(self) -> MapMatcher:
         made = LineMap(self.config.map_radius, self.config.map_memory)
@@ -80,6 +88,8 @@ class ScanTracker:
         """Register one scan; `guess` (3,) is the expected motion since the last, `sweep` (3,) that in its sweep."""
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp = stamp
+        before, self._periods = self._periods, self._habit.periods(elapsed)
+        self._last = self._last * (self._periods / before)
         self.noise.learn(scan)
         share = beam_shares(scan, elapsed)
         half = 0.5 * float(share[-1]) if len(share) else 0.0
@@ -117,11 +127,7 @@ class ScanTracker:
         guess : (3,) motion from middle to middle. pace : (3,) motion in the sweep per such time, None as guessed.
         """
         motion = guess if guess is not None else self._habit.expected(self._last)
-        pace = motion if pace is None else pace
-        # As seen from where the sensor was in the middle of its sweep.
-        sweep = (pace, share) if share.any() else None
-        surface = scan_surface(scan, self.noise.value, self.config.max_range, self.offset.value, sweep)
-        prepared = PreparedScan(surface, view_of(scan))
+        prepared = self._prepared(scan, share, motion if pace is None else pace)
         lined = int(prepared.surface.lined.sum())
         poor = (
             f"only {lined} points on lines; at least {LEAST_LINED} are needed" if lined < LEAST_LINED else ""
@@ -132,9 +138,20 @@ class ScanTracker:
             return self._predict(motion, guess is not None, poor, 0.0)
         expected = self._expected(motion, guess is not None)
         match = self._matcher.find(prepared, expected, self._sure)
+        if not match.believable and guess is not None and share.any():
+            # Wheels that leap bend a sweep until it looks like nothing.
+            unbent = self._prepared(scan, share, self._last)
+            found = self._matcher.find(unbent, expected, self._sure)
+            prepared, match = (unbent, found) if found.believable else (prepared, match)
         if not match.believable:
             return self._stray(prepared, motion, expected, match)
         return self._accept(prepared, motion, guess is not None, match)
+
+    def _prepared(self, scan: Scan, share: FloatArray, pace: FloatArray) -> PreparedScan:
+        """A scan as seen from where the sensor was in the middle of its sweep; share, pace : as of `_from_middle`."""
+        sweep = (pace, share) if share.any() else None
+        surface = scan_surface(scan, self.noise.value, self.config.max_range, self.offset.value, sweep)
+        return PreparedScan(surface, view_of(scan))
 
     def _expected(self, motion: FloatArray, wheels: bool) -> ExpectedPose:
         """Where a motion leads, and how surely: the less, the longer the map has been lost.
@@ -156,17 +173,29 @@ class ScanTracker:
     def _begin(self, scan: PreparedScan, motion: FloatArray, poor: str) -> Step:
         """Start a map here: at the first scan, and where the old map is of no use any more."""
         first = self._travelled == 0.0 and not self._lost
-        self.pose = self.pose if first else compound(self.pose, motion)
+        doubt = drift = np.zeros((3, 3))
+        if not first:
+            doubt = prediction_covariance(motion)
+            self._go(motion, doubt)
+            drift = in_frame(self._noise, float(self.pose[2] - motion[2]))
         self._noise = np.zeros((3, 3))
         self._sure, self._sure_at = self.pose, self._stamp or 0.0
         if not poor:
             self._lost = 0
             self._insert(scan)
         reason = poor or ("" if first else "a new map begins at the predicted pose")
-        doubt = np.zeros((3, 3)) if first else prediction_covariance(motion)
         static = scan.surface.points if not poor else scan.surface.points[:0]
         increment = np.zeros(3) if first else motion
-        return Step(increment, doubt, not reason, reason, 0.0 if reason else 1.0, static, doubt)
+        return Step(increment, doubt, not reason, reason, 0.0 if reason else 1.0, static, drift)
+
+    def _go(self, motion: FloatArray, doubt: FloatArray) -> None:
+        """Go on by a motion (3,) of which the map does not tell; doubt : (3, 3) of it, in the frame it starts from.
+
+        Until the map is found again, or given up, the doubts add up.
+        """
+        by_pose, by_motion = compound_jacobians(self.pose, motion)
+        self._noise = by_pose @ self._noise @ by_pose.T + by_motion @ doubt @ by_motion.T
+        self.pose = compound(self.pose, motion)
 
     def _stray(self, scan: PreparedScan, motion: FloatArray, expected: ExpectedPose, match: Match) -> Step:
         """A scan that is nowhere in the map: laid on those since the map was lost, else where it probably is.
@@ -190,16 +219,15 @@ class ScanTracker:
 
     def _follow(self, scan: PreparedScan, motion: FloatArray, refined: Refined, share: float) -> Step:
         """The motion since the last scan is known by the scans since the map was lost."""
-        before = self.pose
         self._lost += 1
-        self.pose = refined.pose
-        self._last = between(before, self.pose)
-        yaw = float(before[2])
+        yaw = float(self.pose[2])
         noise = in_frame(scan_covariance(refined, in_frame(prediction_covariance(motion), -yaw)), yaw)
+        self._last = between(self.pose, refined.pose)
+        self._go(self._last, noise)
         self._spare.map.add(scan.surface, scan.view, self.pose, self._travelled)
         self._spare.saw(scan.view, self.pose)
         reason = "the map is lost: the scan is laid on those before it"
-        return Step(self._last, noise, True, reason, share, np.zeros((0, 2)), noise)
+        return Step(self._last, noise, True, reason, share, np.zeros((0, 2)), np.zeros((3, 3)), self._noise)
 
     def _changed(self, step: Step) -> Step:
         """Give the map up where it was not found for long. Where it does not just lack what is seen, but contradicts it
@@ -208,29 +236,31 @@ class ScanTracker:
             return step
         self._matcher, self._spare = self._spare, self._matcher
         self._spare.map.clear()
+        drift = in_frame(self._noise, float(self.pose[2] - step.increment[2]))
         self._lost, self._sure, self._noise = 0, self.pose, np.zeros((3, 3))
         if self._at_best > -GROSS:
-            return step
+            return replace(step, drift=drift, noise=None)
         away = min(CARRIED * max(self._stamp - self._sure_at, 0.0), self.config.map_radius)
         anywhere = np.diag([away, away, ANY_HEADING]) ** 2
-        drift = step.covariance if step.drift is None else step.drift
         reason = "the map was not found again: a new one begins where it is predicted"
         return replace(
             step,
             covariance=step.covariance + anywhere,
             drift=drift + anywhere,
+            noise=None,
             converged=False,
             reason=reason,
         )
 
     def _predict(self, motion: FloatArray, wheels: bool, reason: str, fitness: float) -> Step:
         self._lost += 1
-        self.pose = compound(self.pose, motion)
-        self._last = motion if wheels else FADE * motion
         doubt = prediction_covariance(motion)
+        self._go(motion, doubt)
+        self._last = motion if wheels else FADE * motion
         if self._lost >= self.config.patience and not len(self._spare.map):
             self.map.clear()
-        return Step(motion, doubt + self._noise, False, reason, fitness, np.zeros((0, 2)), doubt)
+        nothing = np.zeros((0, 2))
+        return Step(motion, doubt, False, reason, fitness, nothing, np.zeros((3, 3)), self._noise)
 
     def _accept(self, scan: PreparedScan, motion: FloatArray, wheels: bool, match: Match) -> Step:
         before, refined = self.pose, match.refined

@@ -67,7 +67,7 @@ def align_globally(
     ------
     InputError : wrong shapes, a planar with a spatial argument, an unknown method.
     """
-    if method not in METHODS:
+    if method not in tuple(METHODS):
         raise InputError(f"method: one of {', '.join(METHODS)} expected, got {method!r}")
     if both_clouds(source, target):
         if method != "correlation":

@@ -10,6 +10,9 @@ import pytest
 
 from estimation.checks import as_floats, as_number, as_own, require_count, require_kind, require_positive
 from estimation.conversion import condition_ratio, convert
+from estimation.conversion.map_frame import convert_to_map
+from estimation.conversion.spherical import convert_spherical
+from estimation.conversion.switching import ConstantVelocity, SwitchingFilter
 from estimation.errors import InputError
 from estimation.filters import kalman
 from estimation.metrics import associate, nees
@@ -79,6 +82,18 @@ def test_settings_are_of_their_kind(name: str, value: Any) -> None:
     [
         (lambda: compound(np.zeros((2, 3)), np.zeros((5, 3))), "a, b"),
         (lambda: convert([1.0, 2.0], 0.0, 0.1, [0.1, 0.1, 0.1]), "sigma_bearing"),
+        (lambda: convert(5.0, 0.1, 0.1, 5.0), "sigma_bearing must be within"),
+        (lambda: convert_spherical(5.0, 0.1, 0.1, 0.1, 0.1, 5.0), "sigma_elevation must be within"),
+        (
+            lambda: convert_to_map(np.zeros(3), np.diag([0.1, 0.1, 1e6]), 5.0, 0.0, 0.1, 0.1),
+            "deviation of robot_pose yaw",
+        ),
+        (
+            lambda: SwitchingFilter(ConstantVelocity(0.1), np.ones(4), np.eye(4)).update(
+                np.zeros(3), np.zeros((3, 3)), [5.0, 0.1], np.diag([0.01, 25.0])
+            ),
+            "bearing's up to",
+        ),
         (lambda: condition_ratio([1.0, 2.0], [0.0, 0.0, 0.0], 0.1, 0.1), "bearing"),
         (lambda: nees(np.zeros((5, 2)), np.tile(np.eye(2), (3, 1, 1))), "error, cov"),
         (

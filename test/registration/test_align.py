@@ -183,6 +183,25 @@ def test_duplicated_points_change_nothing_but_weights() -> None:
     np.testing.assert_allclose(found.transform, [0.1, 0.05, 0.03], atol=0.01)
 
 
+@pytest.mark.parametrize("method", ["robust", "icp", "point_to_line"])
+def test_the_order_of_points_says_nothing(method: str) -> None:
+    rng, pair = np.random.default_rng(21), random_pair(np.random.default_rng(22), ROUND, EASY)
+    source, target = pair.source.scan.points(), pair.target.scan.points()
+    one = align(source, target, pair.motion, method)
+    other = align(rng.permutation(source), rng.permutation(target), pair.motion, method)
+    np.testing.assert_allclose(other.transform, one.transform, atol=2e-3)
+    deviations = [np.sqrt(np.diag(found.covariance)) for found in (one, other)]
+    np.testing.assert_allclose(deviations[1], deviations[0], rtol=0.25)
+
+
+def test_of_points_that_lie_within_their_noise_few_are_used() -> None:
+    rng = np.random.default_rng(23)
+    wall = np.column_stack((rng.uniform(-5.0, 5.0, 200_000), rng.normal(2.0, 0.01, 200_000)))
+    surface = prepare("wall", wall).surface
+    assert len(surface) < 4000
+    assert np.median(np.abs(surface.normals[surface.lined, 1])) > 0.95
+
+
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [

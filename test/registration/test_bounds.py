@@ -59,3 +59,8 @@ def test_beams_beside_the_grid_mark_nothing(x: float) -> None:
     seen = np.zeros((10, 10), dtype=np.bool_)
     _see(seen, np.zeros(2), np.array([x, 0.0, 0.0]), np.ones(3), 0.0, 0.1)
     assert not seen.any()
+
+
+def test_a_stamp_in_milliseconds_is_refused() -> None:
+    with pytest.raises(InputError, match="stamp"):
+        Scan(np.ones(3), 0.0, 0.1, stamp=1.7e12)

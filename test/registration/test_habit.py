@@ -45,3 +45,14 @@ def test_its_doubt_is_that_of_the_motions_from_what_was_expected() -> None:
 
 def test_little_is_made_of_few_motions() -> None:
     assert not walked(np.tile([1.0, 0.0, 0.0], (10, 1))).regular
+
+
+def test_lost_scans_are_counted_as_periods_and_stamps_that_jitter_are_not() -> None:
+    habit, rng = Habit(), np.random.default_rng(3)
+    assert {habit.periods(elapsed) for elapsed in 0.1 + rng.uniform(-0.04, 0.04, 30)} == {1}
+    assert [habit.periods(elapsed) for elapsed in (0.2, 0.31, 0.0, -5.0, 60.0)] == [2, 3, 1, 1, 10]
+
+
+def test_a_pause_between_scans_that_are_kept_by_distance_is_one_period() -> None:
+    habit = Habit()
+    assert [habit.periods(elapsed) for elapsed in (2.0, 1.5, 3.0, 60.0)] == [1, 1, 1, 1]

@@ -54,6 +54,7 @@ def test_reset_starts_over_and_allows_the_other_kind() -> None:
         (room_scan(0.0), 0.0, [0.0, 0.0], "guess"),
         (room_scan(0.0), 0.0, [0.0, np.nan, 0.0], "guess"),
         (room_scan(0.0), "now", None, "stamp"),
+        (room_scan(0.0), 1.7e12, None, "stamp"),
         (None, 0.0, None, "scan_or_cloud"),
         (np.zeros((60, 3)), 0.0, 2.0 * np.eye(4), "guess"),
     ],
@@ -94,3 +95,19 @@ def test_clouds_are_followed_the_same_each_time() -> None:
     first = followed()
     for _ in range(3):
         np.testing.assert_array_equal(followed(), first)
+
+
+def test_clouds_without_points_leave_no_doubt_behind() -> None:
+    rng, odometry = np.random.default_rng(8), Odometry()
+    room = rng.uniform(-1.0, 1.0, (3000, 3)) * [6.0, 4.0, 1.5]
+    for axis, half in enumerate((6.0, 4.0, 1.5)):
+        room[axis::3, axis] = np.copysign(half, room[axis::3, axis])
+    for k in range(12):
+        odometry.register(np.zeros((0, 3)) if 5 <= k < 8 else room - [0.02 * k, 0.0, 0.0], 0.1 * k)
+        deviation = np.sqrt(odometry.covariance[0, 0])
+        assert deviation >= 1.0 if 5 <= k < 8 else deviation < 0.1, k
+        assert (
+            odometry.increment_covariance[0, 0] >= 1.0
+            if 5 <= k < 9
+            else odometry.increment_covariance[0, 0] < 0.01
+        )

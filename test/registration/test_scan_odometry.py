@@ -128,11 +128,26 @@ def test_motion_is_known_where_the_map_is_lost(seed: int) -> None:
 def test_survives_blind_scans() -> None:
     scans, truth, motions = floor_run(5, seconds=30.0)
     blind = Scan(np.full(181, np.inf), scans[0].angle_min, scans[0].angle_increment, 0.05, 30.0)
-    odometry = Odometry()
+    odometry, deviations = Odometry(), []
     for k, (scan, motion) in enumerate(zip(scans, motions, strict=True)):
         odometry.register(blind if 50 <= k < 54 else scan, scan.stamp, motion)
         assert odometry.unsure == (50 <= k < 54)
+        deviations.append(np.sqrt(np.diag(odometry.covariance)))
     assert final_error(odometry, truth)[0] < 0.1
+    assert (deviations[53] > 5.0 * deviations[49]).all(), "nothing tells of these motions"
+    assert (deviations[-1] < 0.05).all(), "the map was found again"
+
+
+@pytest.mark.parametrize("seed", [32, 34, 40])
+def test_after_a_gap_the_motion_in_it_is_not_expected_again(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shapes, waypoints = random_floor(rng, rooms=3)
+    drive, odometry, stamps = Drive(waypoints), Odometry(), np.arange(0.0, 15.0, 0.1)
+    for stamp in stamps[(stamps < 7.95) | (stamps > 12.95)]:
+        odometry.register(LIDAR.scan(shapes, drive(stamp), rng, stamp).scan, stamp)
+    away, turn = final_error(odometry, np.array([drive(0.0), drive(stamps[-1])]))
+    assert away < 0.1
+    assert turn < 0.02
 
 
 def test_a_corridor_is_filled_from_the_wheels_and_open_without() -> None:
@@ -270,6 +285,18 @@ def test_who_turns_in_the_sweep_is_known_by_the_wheels() -> None:
     assert worst[True][2] < 0.03
 
 
+@pytest.mark.parametrize("leap", [1.0, 1000.0])
+def test_wheels_that_leap_do_not_bend_a_sweep_beyond_recognition(leap: float) -> None:
+    lidar = Lidar(360, 2.0 * np.pi * 359 / 360, range_max=8.0, sigma=0.02, sweep_time=0.19)
+    scans, truth, motions = floor_run(6, 10.0, lidar)
+    motions[30][0] += leap
+    odometry = Odometry()
+    for k, (scan, motion) in enumerate(zip(scans, motions, strict=True)):
+        odometry.register(scan, scan.stamp, motion)
+        assert odometry.converged, odometry.reason
+        assert final_error(odometry, truth[: k + 1])[0] < 0.1
+
+
 @pytest.mark.parametrize("increment", [0.15, -0.15])
 def test_a_period_given_as_the_time_of_a_beam_is_not_believed(increment: float) -> None:
     """A driver's mistake that would put each beam a minute after the one before."""
@@ -307,10 +334,12 @@ def test_same_scans_same_poses() -> None:
 def test_kiss_icp_stays_selectable_for_scans() -> None:
     scans, _, motions = floor_run(11, seconds=4.0)
     odometry = Odometry(OdometryConfig(scan_method="kiss_icp"))
-    for scan, motion in zip(scans, motions, strict=True):
-        pose = odometry.register(scan, scan.stamp, motion)
+    for k, (scan, motion) in enumerate(zip(scans, motions, strict=True)):
+        seen = scan.without(np.full(len(scan), k in (8, 9)))
+        pose = odometry.register(seen, scan.stamp, motion)
     assert pose.shape == (3,)
     assert odometry.covariance.shape == (3, 3)
+    assert np.sqrt(odometry.covariance[0, 0]) < 0.5, "the map was found again after two blind scans"
 
 
 @pytest.mark.parametrize("seed", [1, 2])
