@@ -98,7 +98,7 @@ class MessageGaps:
 
 
 # s over which a budget is even: a burst of as much passes.
-EVEN_FOR = 2.0
+BURST = 2.0
 # What an input is over its budget by is forgotten beyond this, s: one slow message does not silence it for long.
 DEBT = 1.0
 
@@ -138,7 +138,7 @@ class Purse:
         ]
         words = ("messages", "bytes", "s of handling")
         for spent, limit, word in zip(self._spent, self._limits, words, strict=True):
-            if spent >= EVEN_FOR * limit:
+            if spent >= BURST * limit:
                 return f"more than {limit:g} {word} per second"
         return ""
 
@@ -146,6 +146,6 @@ class Purse:
         """One message has been handled."""
         costs = (1.0, float(size), seconds)
         self._spent = [
-            min(s + cost, (EVEN_FOR + DEBT) * limit)
+            min(s + cost, (BURST + DEBT) * limit)
             for s, cost, limit in zip(self._spent, costs, self._limits, strict=True)
         ]
