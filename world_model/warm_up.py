@@ -37,7 +37,7 @@ def warm_up() -> None:
             spots = TWINS if step < LOOKS // 2 else [(0.0, 1.0, 1.0)]
             seen = [np.array(p) + rng.normal(0.0, NOISE, 3) for p in spots if rng.random() < 0.5]
             seen += list(rng.uniform([-2, -2, 0], [2, 2, 2], (rng.poisson(2.0), 3)))
-            kinds, size = {"class": {"a": 0.5, "b": 0.5}}, {"size": (NOISE, NOISE**2)}
+            kinds, size = {"class": {"a": 0.6, "b": 0.4}}, {"size": (NOISE, NOISE**2)}
             given = [ObjectEvidence(p, NOISE**2 * np.eye(3), kinds, quantities=size) for p in seen]
             # Where it was not: what a detection knows by name has moved there.
             given += [ObjectEvidence((0.0, -1.9, 1.0), NOISE**2 * np.eye(3), kinds, "a-1")] * (
