@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from tf2_msgs.msg import TFMessage
 from whereabouts.nodes.messages.conversions import spatial_covariance
 from whereabouts.nodes.messages.stamps import NANOSECONDS, nanoseconds, time_message
 from whereabouts.nodes.messages.transforms import transform_message
+from whereabouts.nodes.navigation.errands import LONGEST, Errands
 from whereabouts.nodes.ros.qos import LATCHED
 from whereabouts.nodes.runtime.supervisor import NodeSpec
 from whereabouts_msgs.action import FindObject, VerifyObject
@@ -33,6 +35,7 @@ from whereabouts_msgs.msg import (
 )
 from whereabouts_msgs.msg import VerificationTask as TaskMessage
 from whereabouts_msgs.srv import RelabelObject, Reset, TriggerVerification
+from world_model.state import WorldState as LibraryState
 
 # How far each kind of thing is recognised from.
 REACH = {"cup": 1.6, "coffee table": 5.5, "bed": 6.0}
@@ -309,6 +312,19 @@ def test_maintenance_goes_on_when_the_search_dies(
     house.verified.clear()
     run_until(graph, house, lambda: trigger(graph, far.id), "maintenance takes another trigger")
     run_until(graph, house, lambda: far.id in house.verified, "the robot drives to the bed")
+
+
+def test_a_search_that_was_forgotten_by_a_node_started_anew_is_over_when_its_time_is() -> None:
+    sent: list[Any] = []
+    caller = SimpleNamespace(ready=True, send=lambda goal, ended: sent.append(goal))
+    errands = Errands(SimpleNamespace(add_caller=lambda *_: caller), print)  # type: ignore[arg-type]
+    state = LibraryState((), 1.0, 0.0, 500.0)
+    errands.add("cup-1", "cup")
+    assert errands.look(state, True, 500.0)
+    assert not errands.broken_off(500.0 + LONGEST)
+    assert errands.broken_off(503.0 + LONGEST)
+    assert errands.look(state, True, 503.0 + LONGEST)
+    assert len(sent) == 2
 
 
 def test_maintenance_goes_on_when_the_verifier_does_not_answer(

@@ -310,7 +310,7 @@ class WorldMaintenanceNode(SuiteNode):
         """Whether something lost is searched for, or waits until it can be."""
         if self._finder is None:
             return False
-        if self._finder.broken_off():
+        if self._finder.broken_off(self._now()):
             # It was the search that had taken the base, and cannot give it back.
             self._available = True
         return self._finder.look(state, self._available, self._now())

@@ -63,9 +63,10 @@ class Errands:
         """An object that somebody wants is lost."""
         self._waiting[object_id] = class_name
 
-    def broken_off(self) -> bool:
-        """Whether who searched has ended in the middle of it, and the search with him: nothing more is heard of it."""
-        broken = bool(self._searching) and not self._caller.ready
+    def broken_off(self, now: float) -> bool:
+        """Whether the search is over at `now`, s, without an answer: who searched has ended, or was started anew."""
+        over = not self._caller.ready or now > self._not_before + LONGEST
+        broken = bool(self._searching) and over
         if broken:
             self._searching = ""
             self._run += 1
