@@ -347,8 +347,9 @@ class ObjectSearch:
             return None
         centres = {name: np.asarray(self.places[name].center) for name in able}
         best = max(able, key=lambda name: able[name] / (math.dist(centres[name], place) + 3.0))
-        spoken = f"{self.places[best].preposition} the {best.replace('_', ' ')}"
-        said = f"{self._target} is probably {spoken} by now, p = {able[best]:.2f}: look there."
+        said = (
+            f"{self._target} is probably {self.places[best].spoken} by now, p = {able[best]:.2f}: look there."
+        )
         return SearchStep("place", centres[best], best, said, able[best])
 
     def _room(self, place: FloatArray) -> Place | None:
