@@ -35,9 +35,8 @@ LINKS = 40  # names that a chain may lead through
 FLOOR = 0.1
 RELEVANT = 0.3  # share of the best relation to the target below which objects are ignored
 CHAINED = 0.7  # weight of a relation through a third object
-AROUND = (
-    1.5  # m around a dead end, and around an object on floor that was looked at: no target is expected there
-)
+# m around a dead end, and around an object on floor that was looked at, in which no target is expected.
+AROUND = 1.5
 SAME_OBJECT = 1.0  # metres that one object may seem to move between two looks
 LIKELY = 0.2  # probability of a place from which on the search goes there first
 LEAST = 0.1  # share of a room's floor that may stay unseen: corners, and what stands in front of them
