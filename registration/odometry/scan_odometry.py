@@ -289,7 +289,11 @@ class ScanTracker:
         drift = np.zeros((3, 3))
         turned = abs(wrap_angle(float(self.pose[2] - self._key[2])))
         moved = float(np.hypot(*(self.pose[:2] - self._key[:2])))
-        if moved > self.config.key_distance or turned > self.config.key_turn or telling(scan.surface, refined):
+        if (
+            moved > self.config.key_distance
+            or turned > self.config.key_turn
+            or telling(scan.surface, refined)
+        ):
             if self.config.learn_offset:
                 self.offset.learn(scan.surface, refined, self.map.target, self.map.facing)
             self._insert(scan)
