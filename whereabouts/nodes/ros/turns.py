@@ -40,16 +40,29 @@ MARK = 8  # bytes of a goal's id that tell who sent it
 ENOUGH = 1 << 16
 
 
-# Names of what belongs to a node, by its full name: where it is told that it is its turn; under which it counts what it
-# has kept, says how much waits for transforms or for time to go on, and that others need not wait for the end of its
-# turn. And under which goals of an action are counted.
-turn_topic, kept_name, waits_name, free_topic = (
-    "{}/turn".format,
-    "{}/kept".format,
-    "{}/waits".format,
-    "{}/free".format,
-)
-goals_name = "{}/goals".format
+def turn_topic(node: str) -> str:
+    """Where a node, by its full name, is told that it is its turn."""
+    return f"{node}/turn"
+
+
+def kept_name(node: str) -> str:
+    """Under which a node counts what it has kept."""
+    return f"{node}/kept"
+
+
+def waits_name(node: str) -> str:
+    """Under which a node says how much waits for transforms or for time to go on."""
+    return f"{node}/waits"
+
+
+def free_topic(node: str) -> str:
+    """Under which a node says in its turn that others need not wait for the end of it."""
+    return f"{node}/free"
+
+
+def goals_name(action: str) -> str:
+    """Under which goals of an action are counted."""
+    return f"{action}/goals"
 
 
 def results_name(action: str, mark: bytes) -> str:
