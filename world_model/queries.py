@@ -121,10 +121,10 @@ class Words:
         """
         told = self.described(item)
         if told.place:
-            place = self.places[told.place]
-            spoken = f"{place.preposition} the {place.name.replace('_', ' ')}"
             by_now = "probably by now " if item.usual and not item.lost else ""
-            where = f"{by_now}{spoken}, p = {item.existence * told.place_probability:.2f}"
+            where = (
+                f"{by_now}{self.places[told.place].spoken}, p = {item.existence * told.place_probability:.2f}"
+            )
         elif item.lost:
             where = f"anywhere, p = {item.existence:.2f}"
         else:

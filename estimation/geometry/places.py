@@ -82,6 +82,11 @@ class Place:
         return signed_area(self.polygon)
 
     @property
+    def spoken(self) -> str:
+        """ "on the kitchen table"."""
+        return f"{self.preposition} the {self.name.replace('_', ' ')}"
+
+    @property
     def center(self) -> FloatArray:
         """(2,) m, centre of the bounding box."""
         return np.asarray(0.5 * (self.polygon.min(0) + self.polygon.max(0)))

@@ -10,12 +10,11 @@ from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray, as_floats
 from estimation.errors import InputError
+from registration.clouds.cloud_doubt import OPEN_VARIANCE, doubt, kept
 from registration.clouds.ndt import ndt_clouds
 from registration.result import Registration
 
 LEAST_POINTS = 100
-OPEN_VARIANCE = 1.0  # m² and rad²
-OPENED = 0.25  # of it, in one direction, from which on that is open
 LEAST_FITNESS = 0.4
 # Of points that their planes are made of. Those of a scanner of 16 or 32 rings are single rings with ten, and rings lie
 # on each other wherever the walls are; where points are dense, ten lie within their noise.
@@ -76,7 +75,7 @@ def align_clouds(
     schedules = SCHEDULES[1 if close else 0 :]
     sizes = {size for schedule in schedules for size, _ in schedule}
     surfaces = {size: _surfaces(moving, still, size * leaf) for size in sizes}
-    best: tuple[float, Any] | None = None
+    best: tuple[float, FloatArray, bool] | None = None
     for schedule in schedules:
         transform = start
         for size, near in schedule:
@@ -85,10 +84,9 @@ def align_clouds(
         # A wrong minimum a degree away looks nearly as good: only a close look tells.
         score = -_distance(moving, tree, transform, 3.0 * leaf)
         if best is None or score > best[0]:
-            best = score, outcome
+            best = score, transform, bool(outcome.converged)
     assert best is not None
-    outcome = best[1]
-    return _judged(moving, still, outcome, leaf, outcome.converged, np.asarray(outcome.T_target_source))
+    return _judged((moving, still), surfaces[1.0], leaf, start, best[1], best[2])
 
 
 def align_clouds_ndt(source: FloatArray, target: FloatArray, start: FloatArray) -> Registration:
@@ -100,23 +98,25 @@ def align_clouds_ndt(source: FloatArray, target: FloatArray, start: FloatArray) 
     leaf = leaf_size(still)
     edge = EVEN * leaf
     transform, settled = ndt_clouds(thin(moving, edge), thin(still, edge), start, leaf)
-    # One look at the surfaces around the outcome gives its information; the pose stays what the method found.
-    look = _gicp(_surfaces(moving, still, leaf), transform, 1.0, most=1)
-    return _judged(moving, still, look, leaf, settled, transform)
+    return _judged((moving, still), _surfaces(moving, still, leaf), leaf, start, transform, settled)
 
 
 def _judged(
-    moving: FloatArray,
-    still: FloatArray,
-    outcome: Any,
+    clouds: tuple[FloatArray, FloatArray],
+    surfaces: tuple[Any, Any, Any],
     leaf: float,
-    settled: bool,
+    start: FloatArray,
     transform: FloatArray,
+    settled: bool,
 ) -> Registration:
-    """What a `transform` (4, 4) amounts to, near which an `outcome` of small_gicp is."""
-    covariance, opened = _covariance(outcome, transform)
-    fitness = overlap(moving, still, transform, 3.0 * leaf)
-    reason = "the clouds leave a direction of motion open" if opened else ""
+    """What a `transform` (4, 4) of the first of `clouds` amounts to; what is open stays as at the `start`."""
+    covariance, opened = doubt(*surfaces[:2], transform)
+    if len(opened):
+        settled = True  # along what is open it may slide for ever, but goes nowhere now
+        transform = kept(start, transform, opened)
+        covariance, _ = doubt(*surfaces[:2], transform, opened)
+    fitness = overlap(*clouds, transform, 3.0 * leaf)
+    reason = "the clouds leave a direction of motion open" if len(opened) else ""
     if not settled:
         reason = "the iterations did not settle"
     elif fitness < LEAST_FITNESS:
@@ -205,19 +205,3 @@ def thin(cloud: FloatArray, leaf: float) -> FloatArray:
         cells = (cells - low) @ np.array([extent[1] * extent[2], extent[2], 1.0])
     _, first = np.unique(cells, axis=0, return_index=True)
     return cloud[np.sort(first)]
-
-
-def _covariance(outcome: Any, transform: FloatArray) -> tuple[FloatArray, bool]:
-    """(6, 6) of (x, y, z, rotation about x, y, z) in the target frame, and whether a direction is open.
-
-    small_gicp's Hessian is of (rotation, translation) in the source frame and knows the noise only up to a
-    factor, which the residuals give.
-    """
-    square = 2.0 * outcome.error / max(outcome.num_inliers, 1)
-    order = [3, 4, 5, 0, 1, 2]
-    information = np.asarray(outcome.H)[np.ix_(order, order)] / max(square, 1e-12)
-    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
-    variances = 1.0 / np.maximum(values, 1.0 / OPEN_VARIANCE)
-    turn = np.kron(np.eye(2), transform[:3, :3])
-    covariance = turn @ ((vectors * variances) @ vectors.T) @ turn.T
-    return covariance, bool(variances.max() > OPENED * OPEN_VARIANCE)

@@ -12,7 +12,7 @@ K-means over the displacements of the likeliest associations; MaxIterations.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from estimation.checks import FloatArray
+from estimation.checks import FloatArray, require_count, require_kind
 from estimation.learning.boosting import AdaBoost
 from registration.crf.as_printed_messages import (
     FEATURES,
@@ -79,7 +79,15 @@ class PrintedCrf:
         start : what `registration.crf.setup.start` found, to begin with its motions and groups; else blind.
         joined : False for the chains one after the other, the links to x^RT removed: CRF-Matching, CRF-Clustering.
         nearest : so many states of x^A_i, those nearest to begin with (section VI), instead of all M.
+
+        Begun from a registration that did not converge, it did not either, and says why.
         """
+        require_kind("scan_a", scan_a, Scan)
+        require_kind("scan_b", scan_b, Scan)
+        if start is not None:
+            require_kind("start", start, Start)
+        if nearest is not None:
+            nearest = require_count("nearest", nearest)
         a, b = beams_of(scan_a), beams_of(scan_b)
         if min(len(a), len(b)) < LEAST_MEMBERS:
             return nothing(len(scan_a), f"{min(len(a), len(b))} returns, {LEAST_MEMBERS} are needed")
@@ -91,7 +99,10 @@ class PrintedCrf:
             if start is None:
                 chains.x_c, chains.motions = initialise_rt(a, b, chains.partners)
             chains.run(False, True, True)
-        return _estimate(a, b, chains, start is None)
+        estimate = _estimate(a, b, chains, start is None)
+        if start is None or start.registration.converged:
+            return estimate
+        return replace(estimate, converged=False, reason=start.registration.reason)
 
     def match(
         self, scan_a: Scan, scan_b: Scan, start: Start | None = None, nearest: int | None = None

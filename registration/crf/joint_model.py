@@ -82,6 +82,8 @@ class JointModel:
         """
         for name, scan in (("scan_a", scan_a), ("scan_b", scan_b)):
             require_kind(name, scan, Scan)
+        if registration is not None:
+            require_kind("registration", registration, Registration)
         poor = _too_few(scan_a, scan_b)
         if poor is not None:
             return poor

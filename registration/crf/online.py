@@ -3,6 +3,9 @@
 Consecutive scans show almost no motion; the scans compared with are those half a second and more ago, so that a slow
 walker has gone farther than the noise. A scan for which there is no time is not labelled, and counted; `Pace` says how
 much there is. Odometry does not wait for labels: it does without what moved in the scan before (`ScanSegmenter.still`).
+
+Scans are compared as seen from where their first beams were sent: a sensor that turns bends its sweeps, and walls that
+are bent otherwise than half a second ago look as if they moved.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from registration.crf.joint_model import JointModel
 from registration.crf.window import FARTHEST, decide, mean_probability
 from registration.laser.prepared import prepared
 from registration.laser.scan import Scan
+from registration.laser.sweep import moved_to_first_beam
 from registration.odometry.pace import Duration
 from registration.placement.expected import near_expected
 from registration.result import UNKNOWN
@@ -120,6 +124,10 @@ class ScanSegmenter:
     def reset(self) -> None:
         """Forget all scans."""
         self._kept: deque[_Kept] = deque()
+        self._last: tuple[float, FloatArray] | None = None  # stamp and pose of the scan before
+        self._unbent: tuple[Scan, Scan, NDArray[np.int64]] | None = (
+            None  # a scan, and what `_at_once` made of it
+        )
         self._moving: _Moving | None = None
         self._duration = Duration()
         self.labelled = self.skipped = 0
@@ -129,7 +137,8 @@ class ScanSegmenter:
         if self._kept and stamp <= self._kept[-1].stamp:
             return
         if not self._kept or stamp - self._kept[-1].stamp >= SPACING:
-            self._kept.append(_Kept(scan, stamp, pose.copy()))
+            self._kept.append(_Kept(self._at_once(scan, stamp, pose)[0], stamp, pose.copy()))
+        self._last = stamp, pose.copy()
         longest = self.config.segment_interval * (self.config.segment_references + 0.5)
         while len(self._kept) > 1 and stamp - self._kept[1].stamp > longest:
             self._kept.popleft()
@@ -162,9 +171,10 @@ class ScanSegmenter:
         limit : seconds there are; a further comparison that is not expected to fit is left out.
         """
         begun = self._clock()
+        swept, (scan, beams) = scan, self._at_once(scan, stamp, pose)
         references = self._references(stamp, pose)
         if not references:
-            return _unknown(scan)
+            return _unknown(swept)
         limit = min(limit, self.config.segment_deadline)
         found: list[tuple[JointEstimate, float]] = []
         tried = 0
@@ -186,11 +196,21 @@ class ScanSegmenter:
         if not tried:
             self.skipped += 1
             self._duration.not_done()
-            return _unknown(scan)
+            return _unknown(swept)
         self.labelled += 1
         segmented = _combined(scan, found)
         self._moving = _moving(segmented, scan, stamp, pose)
-        return segmented
+        return _of_beams(segmented, beams, swept.valid)
+
+    def _at_once(self, scan: Scan, stamp: float, pose: FloatArray) -> tuple[Scan, NDArray[np.int64]]:
+        """A scan as seen from its first beam at `pose` (3,), and (N,) where its beams are in that, -1 nowhere."""
+        if self._last is None:
+            return scan, np.arange(len(scan))
+        before, there = self._last
+        if self._unbent is None or self._unbent[0] is not scan:
+            # Kept: what is prepared of a scan is prepared once in its life.
+            self._unbent = scan, *moved_to_first_beam(scan, between(there, pose), stamp - before)
+        return self._unbent[1:]
 
     def _references(self, stamp: float, pose: FloatArray) -> list[_Kept]:
         """Earlier scans to compare with, one per multiple of the interval."""
@@ -219,6 +239,13 @@ def _moving(segmented: Segmented, scan: Scan, stamp: float, pose: FloatArray) ->
         ahead[mine] += (points[mine] - there) / segment.interval
     at, on = transform_points(pose, points), transform_points(pose, ahead)
     return _Moving(at, on - at, stamp)
+
+
+def _of_beams(segmented: Segmented, beams: NDArray[np.int64], valid: NDArray[np.bool_]) -> Segmented:
+    """What is said of a scan seen from its first beam, said of the beams that saw it; beams, valid : (N,)."""
+    told = valid & (beams >= 0)
+    labels = np.where(told, segmented.labels[beams], -1)
+    return Segmented(labels, np.where(told, segmented.probabilities[beams], np.nan), segmented.segments)
 
 
 def _unknown(scan: Scan) -> Segmented:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.laser.scan import Scan
+from registration.laser.sweep import beam_shares
 
 Array = NDArray[np.float64]
 LEVEL_TOLERANCE = np.radians(2.0)
@@ -32,10 +33,12 @@ def upright(scan: Scan, mounting: Array) -> Scan:
     return replace(scan, angle_min=-scan.angle_min, angle_increment=-scan.angle_increment)
 
 
-def seen_from_robot(*mounted: tuple[Scan, Array]) -> Scan:
+def seen_from_robot(*mounted: tuple[Scan, Array], motion: Array | None = None, elapsed: float = 0.0) -> Scan:
     """Scans of any mounting, projected to the ground plane and sampled again at bearings around the robot.
 
     mounted : scans with their mountings (4, 4); the finest bearing step of them is used and the first one's stamp.
+    motion : (3,) of the robot over the `elapsed` s before, taken to go on like that during the sweeps: what comes out
+        has one time for all beams.
 
     Between two returns on one surface the surface is taken to be straight, so that walls stay exact; where
     several surfaces lie on a bearing the nearest counts. Bearings without a return are NaN.
@@ -46,21 +49,29 @@ def seen_from_robot(*mounted: tuple[Scan, Array]) -> Scan:
     centres = np.asarray(-np.pi + step * (np.arange(count) + 0.5), dtype=np.float64)
     ranges = np.full(count, np.inf)
     for scan, mounting in mounted:
-        np.minimum(ranges, _resampled(scan, mounting, centres), out=ranges)
+        share = np.zeros(len(scan)) if motion is None else beam_shares(scan, elapsed)
+        swept = share[:, None] * (np.zeros(3) if motion is None else motion)
+        np.minimum(ranges, _resampled(scan, mounting, swept, centres), out=ranges)
     ranges[np.isinf(ranges)] = np.nan
     # Seen from the robot's centre a return may lie a lever arm farther away than from the scanner.
     reach = max(scan.range_max + float(np.hypot(*mounting[:2, 3])) for scan, mounting in mounted)
     return Scan(ranges, float(centres[0]), step, 0.0, reach, mounted[0][0].stamp)
 
 
-def _resampled(scan: Scan, mounting: Array, centres: Array) -> Array:
-    """Ranges (N,) of one scan at bearings around the robot, infinite where nothing was met."""
+def _resampled(scan: Scan, mounting: Array, swept: Array, centres: Array) -> Array:
+    """Ranges (N,) of one scan at bearings around the robot, infinite where nothing was met.
+
+    swept : (B, 3) where the robot was when each beam was sent.
+    """
     count, step = len(centres), 2.0 * np.pi / len(centres)
     ranges: Array = np.full(count, np.inf)
     valid = np.flatnonzero(scan.valid)
     bearings, distances = scan.bearings[valid], scan.ranges[valid]
     flat = np.column_stack((distances * np.cos(bearings), distances * np.sin(bearings)))
     points = flat @ mounting[:2, :2].T + mounting[:2, 3]
+    (x, y), (dx, dy, turn) = points.T, swept[valid].T
+    c, s = np.cos(turn), np.sin(turn)
+    points = np.column_stack((c * x - s * y + dx, s * x + c * y + dy))
     index = np.floor((np.arctan2(points[:, 1], points[:, 0]) + np.pi) / step).astype(int) % count
     np.minimum.at(ranges, index, np.hypot(points[:, 0], points[:, 1]))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.checks import FloatArray
 from registration.laser.scan import TURN, Scan
@@ -32,25 +33,32 @@ def at_first_beam(scan: Scan, motion: FloatArray, elapsed: float) -> Scan:
     The result has the bearings of `scan` and one time for all beams; of two returns at one bearing the nearer counts,
     and where none is any more its range is NaN. A scan whose beams have no times of their own is returned as it is.
     """
+    return moved_to_first_beam(scan, motion, elapsed)[0]
+
+
+def moved_to_first_beam(scan: Scan, motion: FloatArray, elapsed: float) -> tuple[Scan, NDArray[np.int64]]:
+    """As `at_first_beam`, and (N,) which beam of the result looks where each beam of `scan` did, -1 out of view."""
     share = beam_shares(scan, elapsed)
     if not share.any():
-        return scan
+        return scan, np.arange(len(scan))
     bearings = scan.bearings + share * motion[2]
     valid = scan.valid
     ends = scan.ranges[valid, None] * np.column_stack((np.cos(bearings[valid]), np.sin(bearings[valid])))
     ends += share[valid, None] * motion[:2]
+    bearings[valid] = np.arctan2(ends[:, 1], ends[:, 0])
+    beams = _beams(scan, bearings)
     ranges = np.full(len(scan), np.nan)
-    beams, inside = _beams(scan, bearings[~valid])
-    ranges[beams] = scan.ranges[~valid][inside]
+    unmet = ~valid & (beams >= 0)
+    ranges[beams[unmet]] = scan.ranges[unmet]
     nearest = np.full(len(scan), np.inf)
-    beams, inside = _beams(scan, np.arctan2(ends[:, 1], ends[:, 0]))
-    np.minimum.at(nearest, beams, np.hypot(*ends.T)[inside])
-    return replace(scan, ranges=np.where(np.isfinite(nearest), nearest, ranges), time_increment=0.0)
+    inside = beams[valid] >= 0
+    np.minimum.at(nearest, beams[valid][inside], np.hypot(*ends.T)[inside])
+    seen = replace(scan, ranges=np.where(np.isfinite(nearest), nearest, ranges), time_increment=0.0)
+    return seen, beams
 
 
-def _beams(scan: Scan, bearings: FloatArray) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the beams at bearings (N,) rad, and which of these are in view, (N,) bool."""
+def _beams(scan: Scan, bearings: FloatArray) -> NDArray[np.int64]:
+    """Numbers of the beams at bearings (N,) rad, -1 out of view."""
     turn = round(TURN / abs(scan.angle_increment))
     beams = np.rint((bearings - scan.angle_min) / scan.angle_increment).astype(np.int64) % turn
-    inside = beams < len(scan)
-    return beams[inside], inside
+    return np.where(beams < len(scan), beams, -1)

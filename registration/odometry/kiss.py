@@ -13,11 +13,12 @@ from scipy.spatial import cKDTree
 
 from estimation.checks import FloatArray
 from estimation.errors import InputError
-from registration.clouds.cloud_registration import OPEN_VARIANCE, OPENED
+from registration.clouds.cloud_doubt import OPEN_VARIANCE
 from registration.odometry.odometry_step import Step
 
 MINIMUM_POINTS = 10
 NEIGHBOURS = 8
+OPENED = 0.25  # of the variance of what is open, in one direction, from which on that is
 COVARIANCE_POINTS = 700
 
 

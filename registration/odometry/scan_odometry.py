@@ -289,7 +289,11 @@ class ScanTracker:
         drift = np.zeros((3, 3))
         turned = abs(wrap_angle(float(self.pose[2] - self._key[2])))
         moved = float(np.hypot(*(self.pose[:2] - self._key[:2])))
-        if moved > self.config.key_distance or turned > self.config.key_turn:
+        if (
+            moved > self.config.key_distance
+            or turned > self.config.key_turn
+            or telling(scan.surface, refined)
+        ):
             if self.config.learn_offset:
                 self.offset.learn(scan.surface, refined, self.map.target, self.map.facing)
             self._insert(scan)
@@ -334,6 +338,18 @@ class ScanTracker:
     def _insert(self, scan: PreparedScan) -> None:
         self.map.add(scan.surface, scan.view, self.pose, self._travelled)
         self._key = self.pose.copy()
+
+
+def telling(surface: Surface, refined: Refined) -> bool:
+    """Whether lines that the map lacks tell more than all that it has, where these tell least.
+
+    In a corridor whose end comes into view nothing else tells the way: a sensor that seems to stand for want of it
+    would never have it in its map.
+    """
+    known = refined.matched >= 0
+    _, directions = np.linalg.eigh(surface.normals[known].T @ surface.normals[known])
+    told = (surface.normals @ directions[:, 0]) ** 2 * surface.lined
+    return bool(told[~known].sum() > told[known].sum())
 
 
 def in_frame(covariance: FloatArray, yaw: float) -> FloatArray:

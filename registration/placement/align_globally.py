@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from estimation.geometry.poses import between
+from registration.clouds.cloud_doubt import OPEN_VARIANCE
 from registration.clouds.cloud_registration import (
-    OPEN_VARIANCE,
     align_clouds,
     checked_cloud,
     leaf_size,

@@ -67,6 +67,34 @@ LAYOUTS = {
 }
 
 
+def test_beams_that_met_nothing_are_no_points_at_the_sensor() -> None:
+    points = [
+        (0.0, 0.0, 0.0),
+        (0.0, 2.0, 0.0),
+        (1.0, 0.0, 0.0),
+        (0.0, 0.0, -0.0),
+        (0.0, 0.0, 3.0),
+        (-0.0, 0.0, 0.0),
+    ]
+    coloured = {**PLAIN, "rgba": (12, 6)}
+    message = cloud(points, coloured, 16)
+    (record,) = decode.clouds(message, "points")
+    assert record.points.tolist() == [list(points[k]) for k in (1, 2, 4)]
+    tints = decode.cloud_colors(message)
+    assert tints is not None
+    assert np.rint(tints[:, 2] * 255).tolist() == [TINTS[k] & 255 for k in (1, 2, 4)]
+
+
+@pytest.mark.parametrize("place", [0, 2])
+def test_times_that_are_none_take_no_points_with_them(place: int) -> None:
+    message = cloud(POINTS, {**PLAIN, "t": (12, 7)}, 16)
+    message.data = message.data.copy()
+    message.data[16 * place + 12 : 16 * place + 16] = np.frombuffer(struct.pack("<f", NAN), np.uint8)
+    (record,) = decode.clouds(message, "points")
+    assert len(record.points) == len(FINITE)
+    assert record.times is None
+
+
 @pytest.mark.parametrize("big", [False, True])
 @pytest.mark.parametrize(("height", "padding"), [(1, 0), (2, 0), (3, 5)])
 @pytest.mark.parametrize("name", LAYOUTS)

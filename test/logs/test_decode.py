@@ -76,7 +76,7 @@ def test_every_layout_of_a_cloud(tmp_path, bag2, jazzy, kind, height, padding):
 @pytest.mark.parametrize(("name", "kind"), [("t", "<u4"), ("time", "<f4"), ("timestamp", "<f8")])
 def test_times_of_points(tmp_path, bag2, jazzy, name, kind):
     values = np.zeros(5, dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), (name, kind)])
-    values[name] = [0, 1, 2, 3, 4]
+    values[name], values["z"] = [0, 1, 2, 3, 4], 1.0
     values["x"][2] = np.nan
     (record,) = open_log(bag2(tmp_path / "b", [("/points", CLOUD, 9, cloud(jazzy, values))]))
     assert record.times.tolist() == [0, 1, 3, 4]

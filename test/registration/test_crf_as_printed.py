@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -189,3 +190,26 @@ def test_training_gives_weights_that_explain_the_truth_better_than_none() -> Non
         negative_pseudo_likelihood(weights, nodes)[0] for weights in (model.weights, np.zeros(len(FEATURES)))
     )
     assert learned < 0.5 * without
+
+
+def test_what_begins_from_a_registration_that_failed_has_failed(printed: PrintedCrf) -> None:
+    (pair,) = random_labelled_pairs(np.random.default_rng(3), "office", 1)
+    rng = np.random.default_rng(4)
+    scattered = replace(pair.scan_b, ranges=rng.uniform(0.5, 8.0, len(pair.scan_b)))
+    begun = start(pair.scan_a, scattered)
+    assert not begun.registration.converged
+    found = printed.infer(pair.scan_a, scattered, begun, nearest=5)
+    assert not found.converged
+    assert found.reason == begun.registration.reason
+    good = start(pair.scan_a, pair.scan_b)
+    assert good.registration.converged
+    assert printed.infer(pair.scan_a, pair.scan_b, good, nearest=5).converged
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"scan_b": None}, {"nearest": 0}, {"nearest": 2.5}, {"nearest": "3"}, {"start": np.zeros(3)}]
+)
+def test_wrong_arguments_are_named(printed: PrintedCrf, wrong: dict) -> None:
+    (pair,) = random_labelled_pairs(np.random.default_rng(3), "office", 1)
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        printed.infer(**{"scan_a": pair.scan_a, "scan_b": pair.scan_b, **wrong})

@@ -65,6 +65,32 @@ def test_what_moved_is_left_out_of_the_next_scan_where_it_has_gone_on_to() -> No
     assert segmenter.still(seen.scan, 1.5, pose) is seen.scan
 
 
+def turning(stamp: float) -> np.ndarray:
+    """Stands for 0.8 s, then turns on the spot at 1 rad/s."""
+    return np.array([0.3, -0.2, 0.2 + max(stamp - 0.8, 0.0)])
+
+
+def test_walls_stand_still_while_the_sensor_turns_and_so_does_its_sweep() -> None:
+    rng, room = np.random.default_rng(6), random_room(np.random.default_rng(12))
+    mover = Mover("person", np.array([1.5, -1.0, 1.6]), np.array([0.1, 1.1]), size=0.6)
+    sweeping, segmenter = Lidar(361, ROUND.opening, sweep_time=0.099), ScanSegmenter(in_time=False)
+    right = wrong = missed = 0
+    for k in range(24):
+        world = joined([room, outlines([mover], k / RATE - 1.0)])
+        seen = sweeping.scan(world, turning, rng, k / RATE)
+        found = segmenter.segment(seen.scan, k / RATE, turning(k / RATE))
+        segmenter.keep(seen.scan, k / RATE, turning(k / RATE))
+        if k > 11:
+            moving = found.labels > 0
+            right += int(np.sum(moving & (seen.owners > 0)))
+            wrong += int(np.sum(moving & (seen.owners == 0)))
+            missed += int(np.sum(~moving & (seen.owners > 0)))
+            assert (found.labels[~seen.scan.valid] == -1).all()
+    assert right > 4 * missed
+    # With the bends of the sweeps in it there are more of walls than of the one who moves.
+    assert wrong < 0.2 * right
+
+
 def test_a_scan_that_is_all_but_filled_by_what_moves_stays_as_it_is() -> None:
     rng, room = np.random.default_rng(4), random_room(np.random.default_rng(12))
     scan = ROUND.scan(room, np.zeros(3), rng).scan

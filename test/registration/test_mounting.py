@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimation.geometry.poses import compound
 from registration.laser.mounting import level_pose, seen_from_robot, upright
 from registration.laser.scan import Scan
+from whereabouts.simulation import Lidar, box
 
 
 def mounting(x: float, y: float, rotation: Rotation) -> np.ndarray:
@@ -88,3 +93,30 @@ def test_two_scanners_together_see_all_around() -> None:
     assert np.isfinite(seen.ranges).mean() > 0.95
     errors = wall_distance(seen.points() + np.array([0.3, 0.4]))
     assert np.percentile(errors, 98) < 0.01
+
+
+def _on_the_way(place: np.ndarray, velocity: np.ndarray, begin: float, way: float, time: float) -> np.ndarray:
+    """Pose (3,) at `begin` + `way` · `time` s of a scanner at `place` (3,) on a robot that goes on with `velocity`."""
+    return np.asarray(compound((begin + way * time) * velocity, place))
+
+
+@pytest.mark.parametrize("roll", [0.0, np.pi])
+def test_sweeps_on_the_way_of_two_scanners_show_walls_where_they_are(roll: float) -> None:
+    """A robot that drives and turns in a room of 8 by 6 m."""
+    walls, lidar = box(8.0, 6.0), Lidar(361, np.radians(270.0), sigma=0.0, sweep_time=0.09)
+    motion, elapsed = np.array([0.06, 0.0, 0.1]), 0.1
+    mounted = []
+    for x, y, yaw in ((0.3, 0.2, 0.8), (-0.3, -0.2, -2.4)):
+        place = np.array([x, y, yaw])
+        # One that hangs upside down sweeps the other way round: its first beam is the last of one that does not.
+        begin, way = (0.0, 1.0) if roll == 0.0 else (lidar.sweep_time, -1.0)
+        pose = partial(_on_the_way, place, motion / elapsed, begin, way)
+        scan = lidar.scan(walls, pose, np.random.default_rng(0)).scan
+        scan = replace(scan, ranges=scan.ranges[:: int(way)])
+        mounted.append((scan, mounting(x, y, Rotation.from_euler("ZX", [yaw, roll]))))
+    off = [
+        np.quantile(wall_distance(seen_from_robot(*mounted, **told).points()), 0.95)
+        for told in ({}, {"motion": motion, "elapsed": elapsed})
+    ]
+    assert off[0] > 0.1
+    assert off[1] < 0.02

@@ -19,6 +19,7 @@ from whereabouts.simulation import (
     crowd,
     joined,
     outlines,
+    polygon,
     random_floor,
 )
 
@@ -180,6 +181,31 @@ def test_without_wheels_the_way_along_a_bare_corridor_is_said_to_be_unknown(rate
     assert deviations[-1][0] < 20.0
     assert deviations[-1][1] < 0.1, "across nothing was lost"
     assert np.sqrt(odometry.increment_covariance[0, 0]) < 0.2, "a step is no longer than a sensor moves"
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_end_of_a_corridor_tells_the_way_as_soon_as_it_is_in_sight(seed: int) -> None:
+    """Out of a room into a bare corridor of 4 m; the far wall of the room beyond is the only thing that tells."""
+    near = [(0.0, 0.7), (0.0, 3.0), (-8.0, 3.0), (-8.0, -3.0), (0.0, -3.0), (0.0, -0.7)]
+    beyond = [
+        (0.0, 0.7),
+        (4.0, 0.7),
+        (4.0, 3.5),
+        (11.9, 3.5),
+        (11.9, -4.0),
+        (4.0, -4.0),
+        (4.0, -0.7),
+        (0.0, -0.7),
+    ]
+    things = [box(0.8, 0.5, (-3.0, 2.0, 0.3)), box(0.6, 0.6, (-4.0, -2.0, 0.7))]
+    world = joined([polygon(near, closed=False), polygon(beyond, closed=False), *things])
+    lidar, rng, odometry = Lidar(361, range_max=12.0, sigma=0.015), np.random.default_rng(seed), Odometry()
+    truth = []
+    for k in range(90):
+        pose = np.array([-2.5 + 0.06 * k, 0.02 * np.sin(0.1 * k), 0.02 * np.cos(0.1 * k)])
+        truth.append(pose)
+        odometry.register(lidar.scan(world, pose, rng, 0.1 * k).scan, 0.1 * k)
+    assert final_error(odometry, np.array(truth))[0] < 0.1
 
 
 def test_a_sensor_without_wheels_that_stops_where_nothing_tells_is_not_driven_on() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from harness import START, Graph, mounting, scan_message
 from lifecycle_msgs.msg import State
 from nav_msgs.msg import OccupancyGrid, Odometry
@@ -22,6 +22,7 @@ from tf2_msgs.msg import TFMessage
 from estimation.errors import InputError
 from registration import Scan
 from whereabouts.node_interfaces import NODE_INTERFACES
+from whereabouts.nodes.messages.conversions import stated_covariance
 from whereabouts.nodes.messages.envelopes import envelope
 from whereabouts.nodes.messages.message_types import message_class
 from whereabouts.nodes.messages.packed import Packed
@@ -37,12 +38,12 @@ HERE = (0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0)
 INPUTS = sorted({item.type for items in NODE_INTERFACES.values() for item in items if item.kind == "in"})
 
 
-def odometry(**entries: float) -> Odometry:
-    """An odometry message with entries of its pose's covariance, such as c01."""
+def located(kind: Any = PoseWithCovarianceStamped, **entries: float) -> Any:
+    """A message of a pose with entries of its covariance, such as c01."""
     covariance = np.diag(np.full(6, 0.01))
     for name, value in entries.items():
         covariance[int(name[1]), int(name[2])] = value
-    message = Odometry()
+    message = kind()
     message.pose.covariance = covariance.ravel()
     return message
 
@@ -67,10 +68,10 @@ def test_an_empty_message_of_every_input_is_inside(kind: str) -> None:
     [
         (far(1.1e6), r"objects\[1\] \(cup-1\).pose.pose.position.x"),
         (far(float("nan")), r"objects\[1\] \(cup-1\).pose.pose.position.x"),
-        (odometry(c00=float("nan")), "pose.covariance"),
-        (odometry(c01=0.005), "pose.covariance: a symmetric"),
-        (odometry(c01=0.02, c10=0.02), "pose.covariance: a covariance without negative eigenvalues"),
-        (odometry(c00=-1.0), "pose.covariance: a covariance without negative eigenvalues"),
+        (located(c00=float("nan")), "pose.covariance"),
+        (located(c01=0.005), "pose.covariance: a symmetric"),
+        (located(c01=0.02, c10=0.02), "pose.covariance: a covariance without negative eigenvalues"),
+        (located(c00=-1.0), "pose.covariance: a covariance without negative eigenvalues"),
         (LaserScan(angle_increment=float("inf")), "angle_increment"),
         (LaserScan(ranges=[1.0] * 1_000_001), "ranges: .* elements"),
         (OccupancyGrid(), "info.resolution"),
@@ -83,6 +84,17 @@ def test_an_empty_message_of_every_input_is_inside(kind: str) -> None:
 def test_what_is_outside_is_refused_by_its_place(message: Any, place: str) -> None:
     with pytest.raises(InputError, match=place):
         envelope(type(message)).check(message)
+
+
+@pytest.mark.parametrize("entries", [{"c00": -1.0}, {"c00": float("nan")}, {"c01": 0.5}, {"c33": 1e30}])
+def test_a_base_that_does_not_know_its_covariance_still_tells_where_it_is(entries: dict[str, float]) -> None:
+    message = located(Odometry, **entries)
+    message.twist.covariance = message.pose.covariance
+    envelope(Odometry).check(message)
+    assert stated_covariance(message.pose.covariance) is None
+    message.pose.pose.position.x = float("nan")
+    with pytest.raises(InputError, match=r"pose\.pose\.position\.x"):
+        envelope(Odometry).check(message)
 
 
 def test_unknown_covariances_and_missing_returns_are_inside() -> None:

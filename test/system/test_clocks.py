@@ -86,6 +86,16 @@ def test_no_single_message_moves_time_or_costs_another_one(
         assert abs(followed.clocks.now - newest) <= TOLERANCE + NANOSECONDS
 
 
+@pytest.mark.parametrize("ahead", [10.999, 11.0002, 11.0009])
+def test_a_wrong_first_stamp_just_too_far_ahead_costs_no_other_source_its_first_message(ahead: float) -> None:
+    sent = messages([(0.02, 0.0), (0.02, 0.0)], 12.0)
+    wrong = ("s0", round((START + ahead) * NANOSECONDS))
+    followed = FollowedClocks([wrong, *sent])
+    assert set(range(1, len(sent) + 1)) <= set(followed.taken) | set(followed.held)
+    assert followed.runs == []
+    assert set(followed.refused) <= {0}
+
+
 @settings(max_examples=300)
 @given(st.lists(st.tuples(st.integers(2, 5), STAMPS), min_size=2, max_size=8), st.booleans())
 def test_a_wrong_stamp_beside_a_leap_of_time_begins_no_run(

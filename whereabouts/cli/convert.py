@@ -98,15 +98,7 @@ def _sentence(target: Path, result: Conversion) -> str:
 
 
 def _figures(source: Path, target: Path, result: Conversion) -> dict[str, object]:
-    account = asdict(result.summary)
-    return {
-        "source": str(source),
-        "target": str(target),
-        "scans": result.scans,
-        "odometry": result.odometry,
-        "clouds": result.clouds,
-        "messages": result.messages,
-        "duration_s": result.duration,
-        "skipped": account["skipped"],
-        "notes": account["notes"],
-    }
+    told = asdict(result)
+    account = told.pop("summary")
+    told |= {"duration_s": told.pop("duration"), "skipped": account["skipped"], "notes": account["notes"]}
+    return {"source": str(source), "target": str(target), **told}

@@ -95,12 +95,12 @@ def _label(
     from whereabouts.system.progress import track
 
     segment_scan = _segmenter(*how)
-    scans, stamps, poses = _read(source, topic)
+    scans, landed, stamps, poses = _read(source, topic)
     started = time.perf_counter()
     labels = np.full((len(scans), max(len(scan) for scan in scans)), -1, dtype=np.int64)
     for index in track(range(len(scans)), f"labelling {source.name}"):
         found = segment_scan(scans, stamps, poses, index)
-        labels[index, : len(found)] = found
+        labels[index, : len(found)] = np.where(landed[index] >= 0, found[landed[index]], -1)
     elapsed = time.perf_counter() - started
     returned, moving = int((labels >= 0).sum()), int((labels > 0).sum())
     if out is not None:
@@ -139,22 +139,28 @@ def _segmenter(method: str, model_file: Path | None) -> Callable[[list[Scan], An
     return of_pair
 
 
-def _read(source: Path, topic: str | None) -> tuple[list[Scan], Any, Any]:
-    """Scans of a log, their stamps (N,) and sensor poses (N, 3) by odometry."""
+def _read(source: Path, topic: str | None) -> tuple[list[Scan], list[Any], Any, Any]:
+    """Scans of a log as seen from their first beams, which beam of these each beam is (-1: none, no return), their
+    stamps (N,) and sensor poses (N, 3) by odometry."""
     import numpy as np
 
+    from registration.laser.sweep import moved_to_first_beam
     from registration.odometry.follower import Odometry
 
     odometry = Odometry()
     with reading(source, "following", topic=topic) as log:
         scans: list[Scan] = []
+        landed: list[Any] = []
         poses: list[Any] = []
         for record in log.records.scans(topic):
-            scans.append(record.scan)
             poses.append(odometry.register(record.scan, record.stamp))
+            elapsed = record.stamp - scans[-1].stamp if scans else 0.0
+            seen, beams = moved_to_first_beam(record.scan, odometry.increment, elapsed)
+            scans.append(seen)
+            landed.append(np.where(record.scan.valid, beams, -1))
             log.advance(len(scans))
         log.require(len(scans), "scans")
-    return scans, np.array([scan.stamp for scan in scans]), np.array(poses)
+    return scans, landed, np.array([scan.stamp for scan in scans]), np.array(poses)
 
 
 def _write(out: Path, labels: Any, stamps: Any, poses: Any) -> None:

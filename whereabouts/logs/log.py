@@ -5,22 +5,47 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Self
 
 from whereabouts.logs.summary import Summary
 from whereabouts.messages.records import Record, ScanRecord, TransformRecord, strip_slash
 
 
-def topic_names(topics: Iterable[str] | None) -> frozenset[str] | None:
-    """Topics that somebody asks for, without slashes; None stands for all."""
-    return None if topics is None else frozenset(map(strip_slash, topics))
+class Recording:
+    """A file or folder that is read as a stream, from the start with every iteration; a context manager.
 
-
-class Log(ABC):
-    """A recording that is read as a stream, from the start with every iteration.
-
-    path : what was opened.
-    format : short name of the format ("carmen", "g2o", "rosbag1", "rosbag2").
+    path : what was opened. topics : those that are asked for, None for all.
     summary : account of the running or last pass; complete when the iterator is exhausted.
+    """
+
+    def __init__(self, path: Path | str, topics: Iterable[str] | None = None) -> None:
+        self.path = Path(path)
+        self.summary = Summary()
+        self._wanted = None if topics is None else frozenset(map(strip_slash, topics))
+
+    @property
+    def progress(self) -> float:
+        """How much of the file the running pass has read, 0 to 1."""
+        return 0.0
+
+    def close(self) -> None:
+        """Release files. Reading again afterwards is not possible for every format."""
+
+    def wants(self, topic: str) -> bool:
+        """Whether the caller asked for this topic (all of them when none was named)."""
+        return self._wanted is None or strip_slash(topic) in self._wanted
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Log(Recording, ABC):
+    """A recording as records.
+
+    format : short name of the format ("carmen", "g2o", "rosbag1", "rosbag2").
     place : where in the file the last record stood, such as "line 12" or "byte 4096".
 
     Iteration raises DamagedLogError where reading on is not possible and NothingRecognisedError at the end of
@@ -28,28 +53,11 @@ class Log(ABC):
     """
 
     format: str = ""
-
-    def __init__(self, path: Path, topics: Iterable[str] | None = None) -> None:
-        self.path = path
-        self.summary = Summary()
-        self.place = ""
-        self._wanted = topic_names(topics)
+    place: str = ""
 
     @abstractmethod
     def _records(self) -> Iterator[Record]:
         """All records of wanted topics in file order, filling self.summary."""
-
-    @property
-    def progress(self) -> float:
-        """How much of the file the running pass has read, 0 to 1."""
-        return 0.0
-
-    def close(self) -> None:  # noqa: B027 - most formats hold nothing open between passes
-        """Release temporary files. Reading again afterwards is not possible for every format."""
-
-    def wants(self, topic: str) -> bool:
-        """Whether the caller asked for this topic (all of them when none was named)."""
-        return self._wanted is None or strip_slash(topic) in self._wanted
 
     def __iter__(self) -> Iterator[Record]:
         self.summary.clear()
@@ -80,9 +88,3 @@ class Log(ABC):
                 yield record
             else:
                 self.summary.skip(f"{record.topic}: reading {chosen} only", self.place)
-
-    def __enter__(self) -> Log:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

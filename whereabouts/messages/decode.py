@@ -125,7 +125,8 @@ def pose_matrix(position: Any, orientation: Any) -> Array:
 def clouds(message: Any, topic: str) -> Iterator[CloudRecord]:
     """sensor_msgs/PointCloud2 of any layout that has x, y and z; organised clouds are flattened.
 
-    Points that are not finite, or farther away than anything is, are left out.
+    Points that are not finite, or farther away than anything is, are left out, and so are those at the sensor itself:
+    drivers send zeros for beams that met nothing, and moved to the robot's frame they would be a thing that it carries.
     """
     values = _rows(message)
     points = _positions(values)
@@ -135,6 +136,8 @@ def clouds(message: Any, topic: str) -> Iterator[CloudRecord]:
     if finite is not None:
         points = points[finite]
         times = None if times is None else times[finite]
+    if times is not None and not np.isfinite(times).all():
+        times = None  # a field that was never filled in
     stamp = seconds(message.header.stamp)
     yield CloudRecord(points, stamp, topic, strip_slash(message.header.frame_id), times)
 
@@ -159,15 +162,18 @@ def _positions(values: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _credible(points: NDArray[np.float64]) -> NDArray[np.bool_] | None:
-    """Which points are finite and no farther away than anything is; None where all are."""
+    """Which points are finite, no farther away than anything is and not at the origin; None where all are."""
+    zeros = np.flatnonzero(points[:, 0] == 0.0)
+    zeros = zeros[~points[zeros, 1:].any(axis=1)]
     # Mostly all are, and two passes without a mask say so; NaN is neither above nor below anything.
-    if not len(points) or (points.min() >= -FARTHEST and points.max() <= FARTHEST):
+    if not len(zeros) and (not len(points) or (points.min() >= -FARTHEST and points.max() <= FARTHEST)):
         return None
-    finite = np.ones(len(points), dtype=bool)
+    credible = np.ones(len(points), dtype=bool)
     with np.errstate(invalid="ignore"):
         for along in points.T:
-            finite &= np.abs(along) <= FARTHEST
-    return finite
+            credible &= np.abs(along) <= FARTHEST
+    credible[zeros] = False
+    return credible
 
 
 def _rows(message: Any, more: tuple[str, ...] = ()) -> NDArray[Any]:

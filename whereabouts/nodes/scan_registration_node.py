@@ -144,7 +144,10 @@ class ScanRegistrationNode(SuiteNode):
         seen: Scan | None = None
         if level is None or len(self.settings.scans) > 1:
             # Scans of several sensors, and tilted ones, become one scan around the robot itself.
-            scan, level = seen_from_robot((scan, mounting), *self._recent_others(stamp)), np.zeros(3)
+            elapsed = 0.0 if self._last_stamp is None else (stamp - self._last_stamp) / NANOSECONDS
+            recent = self._recent_others(stamp)
+            motion, level = self._velocity * elapsed, np.zeros(3)
+            scan = seen_from_robot((scan, mounting), *recent, motion=motion, elapsed=elapsed)
             self._odometry.register(scan, stamp / NANOSECONDS, guess=self._guess(stamp, level))
         else:
             seen = upright(scan, mounting)

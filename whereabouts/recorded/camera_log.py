@@ -16,16 +16,11 @@ from whereabouts.messages.compressed_depth import encoding_of
 from whereabouts.messages.decode import nanoseconds, transforms
 from whereabouts.messages.records import strip_slash
 from whereabouts.messages.type_names import CAMERA_INFO, COMPRESSED, IMAGE, TF
-from whereabouts.recorded.camera_messages import (
-    TOLERANCE,
-    Cameras,
-    check_depth,
-    depth_from_message,
-)
+from whereabouts.recorded.camera_messages import TOLERANCE, Cameras, check_depth, depth_from_message
 from whereabouts.recorded.evidence_messages import Reader, SeenFrame
 from whereabouts.system.clocks import NANOSECONDS
 from world_model import WorldEvidence
-from world_model.camera import CameraModel, CameraView, DepthImage, SightRates, located
+from world_model.camera import CameraModel, DepthImage, SightRates, located
 from world_model.camera.depth import ENCODINGS
 
 TYPES = (TF, CAMERA_INFO, IMAGE, COMPRESSED)
@@ -82,24 +77,14 @@ class CameraLog:
         found = self._cameras.lens_for(frame, of_image=True)
         assert found is not None
         robot = self.placed(frame, stamp)
-        camera, pose = found[1], robot.matrix
+        camera = found[1]
         depth, at = self._depth(frame, camera, stamp)
         turned = None
         if at != stamp:
             with suppress(*[TransformError] * last):
                 then = self.transforms.lookup(self.map_frame, frame, at)
-                turned = np.asarray(np.linalg.solve(then, pose))
-        view = CameraView(
-            camera,
-            pose,
-            depth,
-            None,
-            robot.pose_covariance,
-            robot.origin,
-            self.rates,
-            turned=turned,
-            name=frame,
-        )
+                turned = np.asarray(np.linalg.solve(then, robot.matrix))
+        view = robot.view(camera, self.rates, frame, depth=depth, turned=turned)
         evidence, refused = self._reader.boxes(
             message, robot, view, lambda box, others: located(box, camera, depth, turned, others)
         )

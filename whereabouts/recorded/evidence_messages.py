@@ -20,7 +20,7 @@ from estimation.geometry.rotations import rotation_from_quaternion
 from registration.laser.scan import FARTHEST
 from whereabouts.recorded.camera_messages import box_from_message
 from world_model import ObjectEvidence, WorldEvidence
-from world_model.camera import CameraView, ImageBox, LocatedBox, overlap
+from world_model.camera import CameraModel, CameraView, ImageBox, LocatedBox, SightRates, overlap
 from world_model.symbols import Gaussian, Symbols, default_symbols
 
 SUM_TOLERANCE = 0.01
@@ -58,6 +58,13 @@ class SeenFrame:
         with suppress(TransformError):  # a camera may stand by itself
             origin = transforms.lookup(*frames, stamp)[:2, 3]
         return cls(matrix, origin, pose_covariance)
+
+    def view(self, camera: CameraModel, rates: SightRates, name: str, **hiding: Any) -> CameraView:
+        """What a camera in this frame saw; hiding : depth, scan and turned of `CameraView`."""
+        doubt, origin = self.pose_covariance, self.origin
+        return CameraView(
+            camera, self.matrix, pose_covariance=doubt, origin=origin, rates=rates, name=name, **hiding
+        )
 
     def position(self, position: Array, covariance: Array) -> tuple[Array, Array]:
         """Position (3,) and covariance (3, 3) in the world; the covariance is turned, the robot's is added."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ from estimation.errors import InputError
 from whereabouts.system.atomic import write_csv
 from world_model import WorldModel, WorldState
 from world_model.queries import LAST_SEEN, QueryAnswer
+from world_model.questions import moment as moment_of
 
 
 def state_record(model: WorldModel, state: WorldState) -> dict[str, Any]:
@@ -52,26 +53,17 @@ def answer_record(answer: QueryAnswer) -> dict[str, Any]:
 
 
 def moment(text: str, newest: float) -> float | str | None:
-    """Seconds of a moment in words: a number, a date with time, a time of the day that ended with the newest stamp."""
+    """Seconds of a number or of a moment in words, as of questions, that ended with the newest stamp."""
     if not text:
         return None
     if text == LAST_SEEN:
         return text
-    try:
+    with suppress(ValueError):
         return float(text)
-    except ValueError:
-        pass
     try:
-        if "T" in text or "-" in text:
-            return datetime.fromisoformat(text).timestamp()
-        end = datetime.fromtimestamp(newest)
-        clock = datetime.strptime(text, "%H:%M:%S" if text.count(":") == 2 else "%H:%M")
-        then = end.replace(hour=clock.hour, minute=clock.minute, second=clock.second, microsecond=0)
-        return (then if then <= end else then - timedelta(days=1)).timestamp()
-    except (ValueError, OverflowError, OSError):
-        raise InputError(
-            f'--at: seconds, 2026-11-21T09:00, 09:00 or "{LAST_SEEN}" expected, got {text!r}'
-        ) from None
+        return moment_of(text, newest).start
+    except InputError as error:
+        raise InputError(f'--at: seconds, "{LAST_SEEN}" or a time in words expected: {error}') from None
 
 
 def write_events(model: WorldModel, path: Path | None) -> None:

@@ -216,7 +216,7 @@ class Clocks(Generic[Item]):
         message = Message(source, stamp, item, self._order)
         ruling: Ruling[Item] = Ruling()
         if self._fits(source, clock, stamp, elapsed):
-            ruling.refused += clock.release()
+            self._settle(clock, message, ruling)
             self._accept(message, ruling)
             self._mark()
             self._admit(ruling)
@@ -248,6 +248,19 @@ class Clocks(Generic[Item]):
             return False
         # It went to where the others are: it had stalled, or its clock was put right.
         return clock.newest < stamp <= others + TOLERANCE or abs(stamp - others) <= TOLERANCE
+
+    def _settle(self, clock: SourceClock[Item], message: Message[Item], ruling: Ruling[Item]) -> None:
+        """What a source's messages that were held are, now that one of it fits.
+
+        They were wrong; but those of a source that had not been heard yet, and that this one goes on from, only were
+        farther from a first message of another source, which may have been the wrong one.
+        """
+        held = clock.release()
+        if clock.newest is not None or any(abs(h.stamp - message.stamp) > TOLERANCE for h in held):
+            ruling.refused += held
+            return
+        for early in held:
+            self._accept(early, ruling)
 
     def _accept(self, message: Message[Item], ruling: Ruling[Item]) -> None:
         clock = self.sources[message.source]

@@ -232,9 +232,10 @@ class Anchors:
             if not cluster.lonely:
                 continue
             slot = int(cluster.rows[0, 0])
-            here = leaves.behavior[slot, REST] + leaves.behavior[slot, MOVING]
             old = self.stamp - leaves.last[slot]
-            if (track.id is None and old > 10.0) or (here < 0.1 and not track.lost and old > 600.0):
+            if (track.id is None and old > 10.0) or (
+                leaves.here(slot) < 0.1 and not track.lost and old > 600.0
+            ):
                 self.drop(number)
 
     def symbol(self, number: int) -> str | None:

@@ -19,7 +19,7 @@ from world_model.anchoring.loops.clusters import Track, lonely
 from world_model.anchoring.loops.contacts import Movers
 from world_model.anchoring.loops.expansion import expand, unify
 from world_model.anchoring.loops.gating import touch, weigh
-from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, leaves_in
+from world_model.anchoring.loops.leaves import IntArray, leaves_in
 from world_model.anchoring.loops.look import Classes, Detections, Look
 from world_model.anchoring.occlusion import free, hide, restrict
 from world_model.anchoring.touching import TOUCHING, sharing, touched_by
@@ -117,7 +117,7 @@ class Association:
     def _cover(self, slots: IntArray, covered: npt.NDArray[np.bool_]) -> None:
         """Movers that something else hides are looked for, and shown for as long as it is known where they are."""
         leaves, hidden = self.anchors.leaves, slots[covered]
-        moving = hidden[leaves.behavior[hidden, MOVING] > leaves.behavior[hidden, REST]]
+        moving = hidden[leaves.move(hidden)]
         leaves.missed[moving] = np.maximum(leaves.missed[moving], 1.0)
 
     def associate(self, look: Look) -> tuple[list[int], list[int]]:

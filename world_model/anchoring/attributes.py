@@ -10,7 +10,7 @@ import numpy.typing as npt
 from estimation.checks import FloatArray
 from estimation.errors import InputError
 from world_model.anchoring.loops.kernels import MEMORY
-from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, Leaves
+from world_model.anchoring.loops.leaves import IntArray, Leaves
 from world_model.evidence import Distribution
 
 CLASS = "class"
@@ -233,8 +233,8 @@ class Quantities:
             gain = variance / (variance + r)
             leaves.values[at, q] = mean + gain * (values[told, q] - mean)
             # Errors are not independent for ever, and what moves shows other sides.
-            moves = leaves.behavior[at, MOVING] > leaves.behavior[at, REST]
-            leaves.variances[at, q] = np.maximum((1.0 - gain) * variance, r / np.where(moves, SIDES, MEMORY))
+            memory = np.where(leaves.move(at), SIDES, MEMORY)
+            leaves.variances[at, q] = np.maximum((1.0 - gain) * variance, r / memory)
 
     def told(self, leaves: Leaves, slots: IntArray, name: str) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
         """Means (n,) of one quantity of leaves, and of which of them it was measured (n,)."""

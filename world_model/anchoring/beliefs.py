@@ -50,7 +50,7 @@ class Beliefs:
         anchors, leaves = self.anchors, self.anchors.leaves
         slot = int(cluster.rows[0, 0])
         there = 1.0 - float(leaves.behavior[slot, NONE])
-        here = float(leaves.behavior[slot, REST] + leaves.behavior[slot, MOVING])
+        here = float(leaves.here(slot))
         track = anchors.tracks[cluster.tracks[0]]
         if anchors.dispersed(slot) or (track.id is None and here < LEAST_PRESENCE):
             anchors.drop(number)

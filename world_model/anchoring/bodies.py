@@ -33,9 +33,9 @@ class Bodies:
 
     def solid(self, slots: IntArray) -> IntArray:
         """Those of these leaves that rest and have a known size."""
-        pi = self.anchors.leaves.behavior[slots]
-        known = self.anchors.quantities.told(self.anchors.leaves, slots, "size")[1]
-        return slots[known & (pi[:, REST] > pi[:, MOVING])]
+        leaves = self.anchors.leaves
+        known = self.anchors.quantities.told(leaves, slots, "size")[1]
+        return slots[known & (leaves.behavior[slots, REST] > leaves.behavior[slots, MOVING])]
 
     def cores(self, slots: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Centres (n, 3), radii and half heights (n, 2), m, and standard deviations (n,) of where they are."""
@@ -71,8 +71,7 @@ class Bodies:
         clash = self.clashes(slots)
         if not clash.any():
             return rows, weights
-        leaves = self.anchors.leaves
-        here = leaves.behavior[slots, REST] + leaves.behavior[slots, MOVING]
+        here = self.anchors.leaves.here(slots)
         at = {slot: k for k, slot in enumerate(slots.tolist())}
         kept, own = rows.copy(), weights.copy()
         for h, row in enumerate(rows.tolist()):
@@ -116,8 +115,7 @@ class Bodies:
         factor = np.zeros(anchors.pool.size)
         for slot in hit.tolist():
             predict(leaves, slot, stamp, anchors.motion, anchors.config.removed_per_second)
-            here = leaves.behavior[slot, REST] + leaves.behavior[slot, MOVING]
-            factor[slot] = np.log(max(1.0 - SEEN_THROUGH * here, 1e-12))
+            factor[slot] = np.log(max(1.0 - SEEN_THROUGH * leaves.here(slot), 1e-12))
             # Not a look of the detector: of its runs of misses this says nothing.
             visible = leaves.visible[slot]
             miss(leaves, slot, SEEN_THROUGH, 1.0)

@@ -8,7 +8,7 @@ from scipy.special import ndtr
 
 from estimation.checks import FloatArray
 from world_model.anchoring.attributes import FLATTEST, Quantities
-from world_model.anchoring.loops.leaves import MOVING, REST, IntArray, Leaves
+from world_model.anchoring.loops.leaves import IntArray, Leaves
 from world_model.camera.camera_view import CameraView
 from world_model.state import SURE
 
@@ -24,8 +24,7 @@ def hide(
 
     sensor (8,) as in `clearance`. What covers is surely there, and of a size that was measured.
     """
-    here = leaves.behavior[:, REST] + leaves.behavior[:, MOVING]
-    covers = np.flatnonzero((leaves.track >= 0) & (here > SURE))
+    covers = np.flatnonzero((leaves.track >= 0) & (leaves.here(slice(None)) > SURE))
     covers = covers[quantities.told(leaves, covers, "size")[1]]
     index = np.flatnonzero(clear > 0.0)
     slots = chosen[index]
@@ -80,16 +79,13 @@ def free(
     body, at = np.nonzero(away < side[:, None] + FARTHEST * blur)
     off, width, scale = away[body, at], side[body], blur[body, at]
     inside = ndtr((width - off) / scale) - ndtr((-width - off) / scale)
-    here = leaves.behavior[slots, REST] + leaves.behavior[slots, MOVING]
-    np.multiply.at(result, at, 1.0 - here[body] * inside)
+    np.multiply.at(result, at, 1.0 - leaves.here(slots)[body] * inside)
     return result
 
 
 def spots(leaves: Leaves, slots: IntArray) -> tuple[FloatArray, FloatArray]:
     """Where leaves most probably are (n, 3), m, and the largest variance of that (n,), m²."""
-    moving = leaves.behavior[slots, MOVING] > leaves.behavior[slots, REST]
-    covariances = np.where(moving[:, None, None], leaves.moving_cov[slots, :3, :3], leaves.rest_cov[slots])
-    middle = np.where(moving[:, None], leaves.moving[slots, :3], leaves.rest[slots])
+    middle, covariances = leaves.spots(slots)
     return middle, covariances.diagonal(axis1=1, axis2=2).max(1, initial=0.0)
 
 

@@ -19,7 +19,7 @@ from world_model.anchoring.bodies import Bodies
 from world_model.anchoring.loops.clusters import Track, lonely
 from world_model.anchoring.loops.expansion import unify
 from world_model.anchoring.loops.kernels import copy_leaf, learn_attributes
-from world_model.anchoring.loops.leaves import AWAY, MOVING, NONE, REST, IntArray, leaves_in
+from world_model.anchoring.loops.leaves import AWAY, NONE, IntArray, leaves_in
 from world_model.anchoring.single import SingleObjects
 from world_model.config import motion_of
 from world_model.state import WorldObject
@@ -104,9 +104,8 @@ class Recognition:
     def _away(self, slots: IntArray, carried: FloatArray, stamp: float) -> FloatArray:
         """Probability (n,) of each leaf's object having been carried away by `stamp`; carried (n,) rates, 1/s."""
         leaves = self.anchors.leaves
-        pi = leaves.behavior[slots]
-        elapsed = np.maximum(stamp - leaves.stamp[slots], 0.0)
-        result: FloatArray = pi[:, AWAY] + (1.0 - np.exp(-carried * elapsed)) * (pi[:, REST] + pi[:, MOVING])
+        taken = 1.0 - np.exp(-carried * np.maximum(stamp - leaves.stamp[slots], 0.0))
+        result: FloatArray = leaves.behavior[slots, AWAY] + taken * leaves.here(slots)
         return result
 
     def _weigh(self, usual: Usual, values: FloatArray, slots: IntArray, new: int) -> None:

@@ -79,12 +79,9 @@ class SingleObjects:
                 return
         leaves = anchors.leaves
         for slot in self._predict(track, stamp):
-            moving = leaves.behavior[slot, MOVING] > leaves.behavior[slot, REST]
-            mean = leaves.moving[slot, :3] if moving else leaves.rest[slot]
-            spread = leaves.moving_cov[slot, :3, :3] if moving else leaves.rest_cov[slot]
-            apart = z - mean
-            far = apart @ np.linalg.solve(spread + R, apart) > GATE
-            if far or leaves.behavior[slot, REST] + leaves.behavior[slot, MOVING] < 0.1:
+            (mean,), (spread,) = leaves.spots(np.array([slot]))
+            far = (z - mean) @ np.linalg.solve(spread + R, z - mean) > GATE
+            if far or leaves.here(slot) < 0.1:
                 leaves.rest[slot] = z
                 leaves.rest_cov[slot] = R
                 start_moving(leaves, slot, anchors.motion[-1, 3], 0.0)

@@ -161,9 +161,9 @@ class Timeline:
         """The stays that overlap a span."""
         return [stay for stay in self.stays if stay.until >= start and stay.since <= end]
 
-    def shares(self, start: float, end: float, absent: bool = False) -> dict[str, float]:
+    def shares(self, start: float, end: float) -> dict[str, float]:
         """`shares_of` the time between two moments."""
-        return self.shares_of([(start, end)], absent)
+        return self.shares_of([(start, end)])
 
     def shares_of(self, spans: Iterable[tuple[float, float]], absent: bool = False) -> dict[str, float]:
         """Share of the time of some spans, each from and to, that it was at each place.

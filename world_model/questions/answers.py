@@ -52,19 +52,9 @@ class Answer:
     choices: tuple[str, ...] = ()
 
     @classmethod
-    def stated(
-        cls,
-        sentence: str,
-        kind: str,
-        probability: float,
-        stamp: float,
-        value: Any,
-        evidence: tuple[Mapping[str, Any], ...] = (),
-        alternatives: tuple[Mapping[str, Any], ...] = (),
-    ) -> Answer:
-        """One whose sentence ends with its probability. stamp : s since 1970."""
-        said = f"{sentence}, {told(probability)}."
-        return cls(said, kind, probability, iso(stamp), value, evidence, alternatives)
+    def stated(cls, sentence: str, kind: str, probability: float, stamp: float, *more: Any) -> Answer:
+        """One whose sentence ends with its probability. stamp : s since 1970. more : the fields from `value` on."""
+        return cls(f"{sentence}, {told(probability)}.", kind, probability, iso(stamp), *more)
 
     @property
     def understood(self) -> bool:

@@ -143,9 +143,8 @@ Call = Callable[[ParsedQuestion], Answer]
 
 def _where(q: ParsedQuestion) -> Answer:
     if q.span is not None and q.span.start > q.world.now + 1.0:
-        return usual.where_will_be(
-            q.world, q.what, where.within(q.world, q.span) if q.verb == "was" else q.span
-        )
+        then = where.within(q.world, q.span) if q.verb == "was" else q.span
+        return usual.where_will_be(q.world, q.what, then)
     if q.then is not None:
         call = company.where_was_person if is_person(q.world, q.what) else where.where_was
         return call(q.world, q.what, q.then)
@@ -187,9 +186,8 @@ def _is_at(q: ParsedQuestion) -> Answer:
     if q.span is not None and q.span.words.startswith("for "):
         long = past.how_long_there(q.world, q.what, q.place)
         there = (long.value or 0.0) >= q.span.end - q.span.start
-        return replace(
-            long, kind="is_at", value=there, sentence=f"{'Yes' if there else 'No'}: {long.sentence}"
-        )
+        said = f"{'Yes' if there else 'No'}: {long.sentence}"
+        return replace(long, kind="is_at", value=there, sentence=said)
     if q.verb == "was" and q.span is None:
         last = past.when_last_at(q.world, q.what, q.place)
         return replace(last, kind="is_at", value=last.value is not None)
@@ -232,15 +230,9 @@ def _valued(q: ParsedQuestion) -> Answer:
     """Raises NotUnderstoodError about the past: what things looked like then is not kept."""
     if q.past:
         raise NotUnderstoodError("I can only tell what things look like now, not what they looked like then.")
-    return (
-        traits.what_it_is(q.world, q.what, q.other or "class")
-        if q.verb == ""
-        else traits.is_so(q.world, q.what, q.other)
-    )
-
-
-def _help(q: ParsedQuestion) -> Answer:
-    return Answer(f"You can ask: {'; '.join(CAN_BE_ASKED)}.", "help", 1.0, choices=CAN_BE_ASKED)
+    if q.verb:
+        return traits.is_so(q.world, q.what, q.other)
+    return traits.what_it_is(q.world, q.what, q.other or "class")
 
 
 _CALLS: dict[str, Call] = {
@@ -270,7 +262,7 @@ _CALLS: dict[str, Call] = {
     "missing": _missing,
     "gone": _gone,
     "valued": _valued,
-    "help": _help,
+    "help": lambda q: Answer(f"You can ask: {'; '.join(CAN_BE_ASKED)}.", "help", 1.0, choices=CAN_BE_ASKED),
     "unseen": lambda q: where.what_was_not_seen(q.world, q.since),
     "places": lambda q: traits.which_places(q.world, q.what.replace("rooms", "room")),
     "near": lambda q: nearby.what_is_near(q.world, q.what, q.then, q.other),
@@ -422,23 +414,16 @@ def ask(
 
 def answered(world: Recall, call: Callable[[Recall], Answer]) -> Answer:
     """The answer of a call; what it raises about the question is an answer, too. One from a damaged store says so."""
-    answer = _answered(world, call)
-    return (
-        replace(answer, sentence=f"{answer.sentence} ({clean(world.damage, 400)})")
-        if world.damage
-        else answer
-    )
-
-
-def _answered(world: Recall, call: Callable[[Recall], Answer]) -> Answer:
     try:
-        return call(world)
+        answer = call(world)
     except AmbiguousError as error:
-        return Answer(str(error), "choices", 1.0, iso(world.now), None, (), (), error.choices)
+        answer = Answer(str(error), "choices", 1.0, iso(world.now), choices=error.choices)
     except NothingKnownError as error:
-        return Answer(str(error), "unknown", Trust.NOT_SEEN, iso(world.now))
+        answer = Answer(str(error), "unknown", Trust.NOT_SEEN, iso(world.now))
     except InputError as error:
-        return Answer(clean(str(error), 400), "not_understood", choices=CAN_BE_ASKED)
+        answer = Answer(clean(str(error), 400), "not_understood", choices=CAN_BE_ASKED)
+    damage = f" ({clean(world.damage, 400)})" if world.damage else ""
+    return replace(answer, sentence=f"{answer.sentence}{damage}")
 
 
 def _call(world: Recall, question: str) -> Answer:

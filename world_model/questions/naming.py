@@ -61,8 +61,7 @@ def spoken(world: Recall, where: str | ObjectStay) -> str:
         return position_of(where)
     if place not in world.places:
         return f"near {clean(place)}" if place else "at no place with a name"
-    known = world.places[place]
-    return f"{clean(known.preposition)} the {name_of(place)}"
+    return clean(world.places[place].spoken, 160)
 
 
 def position_of(stay: ObjectStay) -> str:

@@ -320,16 +320,12 @@ def what_changed(world: Recall, since: When = None, place: str = "") -> Answer:
     found = [change for change in found if is_about(world, change, where)]
     at = at_the(world, where)
     probability = Trust.SEEN * Trust.EACH ** len(found) * certain
-    sentence = f"Nothing that I know of has changed{at} {period_of(world, span)}"
-    if found:
-        parts = "; ".join(told_change(world, each) for each in found[:12])
-        sentence = f"Changed{at} {period_of(world, span)}: {parts}"
+    parts, period = "; ".join(told_change(world, each) for each in found[:12]), period_of(world, span)
+    nothing = f"Nothing that I know of has changed{at} {period}"
+    sentence = f"Changed{at} {period}: {parts}" if found else nothing
     value = {change.object: [change.before, change.after] for change in found}
-    evidence = tuple(
-        entry
-        for change in found[:8]
-        for entry in evidence_of(world.latest(change.object, span.start, span.end), change.start, change.end)
-    )
+    lines = [world.latest(change.object, span.start, span.end) for change in found[:8]]
+    evidence = sum((evidence_of(line, c.start, c.end) for line, c in zip(lines, found, strict=False)), ())
     return Answer.stated(sentence, "what_changed", probability, span.start, value, evidence)
 
 
@@ -400,11 +396,8 @@ def what_is_missing(world: Recall, since: When = None) -> Answer:
     sentence = f"Missing{then} {'is' if len(missing) == 1 else 'are'} {listed(parts)}"
     if not missing:
         sentence = f"Nothing that I know of is missing{then}"
-    evidence = tuple(
-        entry
-        for _, name, stay in missing[:8]
-        for entry in evidence_of(world.latest(name), stay.since, world.now)
-    )
+    looks = (evidence_of(world.latest(name), stay.since, world.now) for _, name, stay in missing[:8])
+    evidence = sum(looks, ())
     value = [name for _, name, _ in missing]
     return Answer.stated(sentence, "what_is_missing", Trust.SEEN * certain, world.now, value, evidence)
 
@@ -511,10 +504,9 @@ def what_left(world: Recall, place: str, since: When = None) -> Answer:
         if moves and not here:
             value[name] = None if line.lost or stay is None else stay.place
             parts.append(told_change(world, moves[-1]))
-    sentence = f"No longer {spoken(world, where)}, since {clock(span.start)}: {listed(parts)}"
+    at, since_then = spoken(world, where), f"since {clock(span.start)}"
+    sentence = f"No longer {at}, {since_then}: {listed(parts)}"
     if not parts:
-        sentence = (
-            f"Nothing that I know of has left the place {spoken(world, where)} since {clock(span.start)}"
-        )
+        sentence = f"Nothing that I know of has left the place {at} {since_then}"
     probability = Trust.SEEN * Trust.EACH ** len(parts)
     return Answer.stated(sentence, "what_left", probability, span.start, value)

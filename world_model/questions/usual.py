@@ -137,11 +137,9 @@ def what_is_out_of_place(world: Recall) -> Answer:
         f"{described(world, name)} is {where_words(world, name).removeprefix('last ')}, usually {spoken(world, usual)}"
         for name, usual in found.items()
     ]
-    said = (
-        f"Not where it usually is: {'; '.join(parts)}"
-        if parts
-        else "All that I know of is where it usually is"
-    )
+    said = f"Not where it usually is: {'; '.join(parts)}"
+    if not parts:
+        said = "All that I know of is where it usually is"
     probability = Trust.SEEN * Trust.EACH ** len(found)
     return Answer.stated(said, "what_is_out_of_place", probability, world.now, found)
 

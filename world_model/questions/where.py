@@ -80,7 +80,7 @@ def _several(world: Recall, ids: Sequence[str], each: list[Answer], plural: bool
         math.prod(answer.probability for answer in each) if plural else each[0].probability,
         iso(world.now),
         list(ids) if plural else None,
-        tuple(entry for answer in each for entry in answer.evidence),
+        sum((answer.evidence for answer in each), ()),
         tuple(
             {"object": name, "place": answer.value, "probability": answer.probability}
             for name, answer in zip(ids, each, strict=True)
@@ -497,10 +497,8 @@ def what_is_at(world: Recall, place: str, when: When = None) -> Answer:
     if there:
         told_of = f"{found.named(world)} {found.verbs[len(there) > 1]}"
     at = at_the(world, where) or (" seen" if found.lasts else " here")
-    looks = [
-        evidence_of(world.line(name, stamp, stamp), stamp, stamp) for name in there[:4] if not found.lasts
-    ]
-    evidence = tuple(entry for look in looks for entry in look)
+    some = () if found.lasts else there[:4]
+    evidence = sum((evidence_of(world.line(name, stamp, stamp), stamp, stamp) for name in some), ())
     sentence, p = f"{told_of}{at}{found.then}", found.probability(Trust.NOT_SEEN)
     return Answer.stated(sentence, "what_is_at", p, found.span.start, there, evidence, found.options(where))
 

@@ -368,6 +368,6 @@ def warm_up() -> None:
     )
     grid = OccupancyGrid.from_values(np.zeros((50, 50), dtype=np.int64), 0.1)
     for floor in (None, grid):
-        maintenance = Maintenance(MaintenanceConfig(information_gain_threshold=0.1))
+        maintenance = Maintenance(MaintenanceConfig(information_gain_threshold=0.0))
         pose, sensor = np.array([0.5, 1.0, 0.0]), Sensor("any", 0.1, 0.5, 0.01 * np.eye(3))
         maintenance.next_task(WorldState(objects, 1.0, 3.0, 0.0), pose, [sensor], grid=floor)

@@ -33,6 +33,10 @@ LINKS = 40  # names that a chain may lead through
 # Least share of p(o | T) that counts, whatever is in view everywhere: without it paths double where relations were
 # learned by a camera that sees far (`experiment search`).
 FLOOR = 0.1
+RELEVANT = 0.3  # share of the best relation to the target below which objects are ignored
+CHAINED = 0.7  # weight of a relation through a third object
+# m around a dead end, and around an object on floor that was looked at, in which no target is expected.
+AROUND = 1.5
 SAME_OBJECT = 1.0  # metres that one object may seem to move between two looks
 LIKELY = 0.2  # probability of a place from which on the search goes there first
 LEAST = 0.1  # share of a room's floor that may stay unseen: corners, and what stands in front of them
@@ -47,17 +51,6 @@ class SearchConfig:
     threshold: float = setting(
         0.25, "", "the chain rule drives to an object with at least this utility", 0.0, 100.0
     )
-    relevance: float = setting(
-        0.3, "", "objects less related to the target than this share of the best are ignored", 0.0, 1.0
-    )
-    dead_end_radius: float = setting(
-        1.5,
-        "m",
-        "around a dead end, and around an object on floor that was looked at, no target is expected",
-        0.0,
-        20.0,
-    )
-    chain_share: float = setting(0.7, "", "weight of a relation through a third object", 0.0, 1.0)
     view: float = setting(2.0, "m", "distance from which the target can be recognised", 0.1, 50.0)
 
     def __post_init__(self) -> None:
@@ -87,8 +80,8 @@ class Worths:
     always in view, as they are for a camera that sees far.
     """
 
-    def __init__(self, relations: Relations, target: str, chain_share: float) -> None:
-        self._relations, self._target, self._share = relations, target, chain_share
+    def __init__(self, relations: Relations, target: str) -> None:
+        self._relations, self._target = relations, target
         self._known: dict[str, dict[str, float]] = {}  # by type of room
 
     def of(self, name: str, room: Place | None) -> float:
@@ -124,7 +117,7 @@ class Worths:
         chained = both_ways(over)[0] * onward[None, over]
         chained[over, np.arange(len(over))] = 0.0
         chained[at] = 0.0
-        worth = np.maximum(through, self._share * chained.max(axis=1, initial=0.0))
+        worth = np.maximum(through, CHAINED * chained.max(axis=1, initial=0.0))
         return dict(zip(names, worth.tolist(), strict=True))
 
 
@@ -278,7 +271,7 @@ class ObjectSearch:
 
     def _aim(self, target: str) -> None:
         self._target = target
-        self._worths = Worths(self.relations, target, self.config.chain_share)
+        self._worths = Worths(self.relations, target)
         self._chain = self.chain_type(self.relations, self.config, target)
 
     def _begin(self, target: str) -> None:
@@ -347,8 +340,9 @@ class ObjectSearch:
             return None
         centres = {name: np.asarray(self.places[name].center) for name in able}
         best = max(able, key=lambda name: able[name] / (math.dist(centres[name], place) + 3.0))
-        spoken = f"{self.places[best].preposition} the {best.replace('_', ' ')}"
-        said = f"{self._target} is probably {spoken} by now, p = {able[best]:.2f}: look there."
+        said = (
+            f"{self._target} is probably {self.places[best].spoken} by now, p = {able[best]:.2f}: look there."
+        )
         return SearchStep("place", centres[best], best, said, able[best])
 
     def _room(self, place: FloatArray) -> Place | None:
@@ -388,11 +382,7 @@ class ObjectSearch:
             name: self._worths.of(name, room) * self._freshness(spot, room) for name, spot in able.items()
         }
         most = self._worths.most(room)
-        related = {
-            name: value
-            for name, value in worth.items()
-            if value > 0.0 and value >= self.config.relevance * most
-        }
+        related = {name: value for name, value in worth.items() if value > 0.0 and value >= RELEVANT * most}
         if not related:
             why = f"Nothing in view is usually found with {self._target}"
             middle = self._middle(place, room)
@@ -418,13 +408,10 @@ class ObjectSearch:
 
     def _freshness(self, spot: FloatArray, room: Place | None) -> float:
         """Falls to zero where the target would have been seen: on floor that was looked at, or near dead ends."""
-        radius, value = self.config.dead_end_radius, 1.0
-        if room is not None and self._coverage is not None and radius > 0.0:
-            return self._coverage.unseen(room, spot, radius)
-        for dead in (stop for looks in self._dead.values() for _, stop in looks):
-            if radius > 0.0:
-                value *= 1.0 - math.exp(-((math.dist(spot, dead) / radius) ** 2))
-        return value
+        if room is not None and self._coverage is not None:
+            return self._coverage.unseen(room, spot, AROUND)
+        stops = (stop for looks in self._dead.values() for _, stop in looks)
+        return math.prod(1.0 - math.exp(-((math.dist(spot, stop) / AROUND) ** 2)) for stop in stops)
 
     def _middle(self, place: FloatArray, room: Place | None) -> FloatArray | None:
         """The middle of the room, or of what the map shows, once; None where nobody knows it."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from whereabouts.logs.bags.bag_directory import open_bag
 from whereabouts.logs.bags.ros_types import decoded
 from whereabouts.logs.bags.storage import Stored, Topic
 from whereabouts.logs.bags.unpacking import UNPACKED_LIMIT
-from whereabouts.logs.log import Log, topic_names
-from whereabouts.logs.summary import Summary
+from whereabouts.logs.log import Log, Recording
 from whereabouts.messages.decode import RECORDS, UnusableMessageError, other
 from whereabouts.messages.records import Record, strip_slash
 from whereabouts.system.log_errors import (
@@ -23,7 +22,29 @@ from whereabouts.system.log_errors import (
 )
 
 
-class RosLog(Log):
+class _OfBag(Recording):
+    """A recording in a bag. Raises LogNotFoundError, EmptyLogError, UnknownFormatError, DamagedLogError."""
+
+    def __init__(
+        self, path: Path | str, topics: Iterable[str] | None = None, unpacked_limit: int = UNPACKED_LIMIT
+    ) -> None:
+        super().__init__(path, topics)
+        if not self.path.exists():
+            raise LogNotFoundError(self.path, "does not exist; check the path")
+        if self.path.is_file() and not self.path.stat().st_size:
+            raise EmptyLogError(self.path, "is empty")
+        self._bag = open_bag(self.path, self.summary, unpacked_limit)
+        self._found = self.summary.copy()
+
+    @property
+    def progress(self) -> float:
+        return self._bag.progress
+
+    def close(self) -> None:
+        self._bag.close()
+
+
+class RosLog(_OfBag, Log):
     """A bag as a stream of records by log time.
 
     Topics of other types than scans, clouds, odometry and tf are counted skips, except where `topics` names
@@ -37,18 +58,8 @@ class RosLog(Log):
         format: str = "rosbag2",
         unpacked_limit: int = UNPACKED_LIMIT,
     ) -> None:
-        super().__init__(path, topics)
+        super().__init__(path, topics, unpacked_limit)
         self.format = format
-        _check(path)
-        self._bag = open_bag(path, self.summary, unpacked_limit)
-        self._found = self.summary.copy()
-
-    @property
-    def progress(self) -> float:
-        return self._bag.progress
-
-    def close(self) -> None:
-        self._bag.close()
 
     def _records(self) -> Iterator[Record]:
         self.summary.update(self._found)
@@ -107,40 +118,23 @@ class RawMessage:
         return decoded(self.topic, self.data)
 
 
-class RawLog:
+class RawLog(_OfBag):
     """A bag as a stream of undecoded messages by log time; ROS 1 messages are converted to CDR.
 
     topics : all topics that can be read, with type, definition and offered QoS. Where the bag has no index,
         asking for them reads it once.
-    summary : account of the running or last pass.
     """
-
-    def __init__(self, path: Path | str, topics: Iterable[str] | None = None) -> None:
-        self.path = Path(path)
-        self.summary = Summary()
-        self._wanted = topic_names(topics)
-        _check(self.path)
-        self._bag = open_bag(self.path, self.summary)
-        self._found = self.summary.copy()
 
     @property
     def topics(self) -> list[Topic]:
-        return [topic for topic in self._bag.topics() if self._wants(topic) and not topic.problem]
-
-    def _wants(self, topic: Topic) -> bool:
-        return self._wanted is None or strip_slash(topic.name) in self._wanted
-
-    @property
-    def progress(self) -> float:
-        """Share of the bag read by the running pass, 0 to 1."""
-        return self._bag.progress
+        return [topic for topic in self._bag.topics() if self.wants(topic.name) and not topic.problem]
 
     def __iter__(self) -> Iterator[RawMessage]:
         self.summary.clear()
         self.summary.update(self._found)
         for stored in self._bag.messages():
             topic = stored.topic
-            if not self._wants(topic):
+            if not self.wants(topic.name):
                 continue
             if topic.problem:
                 self.summary.skip(f"{topic.name}: {topic.type_name}: {topic.problem}", stored.where)
@@ -153,15 +147,6 @@ class RawLog:
             self.summary.count(strip_slash(topic.name))
             yield RawMessage(topic, data, stored.log_time)
 
-    def close(self) -> None:
-        self._bag.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
 
 def open_raw(path: Path | str, topics: Iterable[str] | None = None) -> RawLog:
     """Open a bag for its raw messages.
@@ -169,10 +154,3 @@ def open_raw(path: Path | str, topics: Iterable[str] | None = None) -> RawLog:
     Raises LogNotFoundError, EmptyLogError, UnknownFormatError, DamagedLogError: as `open_log`.
     """
     return RawLog(path, topics)
-
-
-def _check(path: Path) -> None:
-    if not path.exists():
-        raise LogNotFoundError(path, "does not exist; check the path")
-    if path.is_file() and not path.stat().st_size:
-        raise EmptyLogError(path, "is empty")

@@ -18,6 +18,7 @@ from estimation.geometry.poses import pose_from_quaternion, pose_to_quaternion
 from registration import Scan
 from registration.crf.online import Segmented
 from whereabouts.messages import decode
+from whereabouts.nodes.messages.envelopes import VARIANCE
 from whereabouts.nodes.messages.markers import point
 from whereabouts.nodes.messages.stamps import duration_message
 from whereabouts_msgs.msg import ScanSegments, Segment
@@ -106,11 +107,11 @@ def spatial(planar: Array) -> Array:
 def stated_covariance(values: ArrayLike, axes: ArrayLike = range(6)) -> Array | None:
     """Covariance of some of x, y, z and the rotations about them, of a message's 36 numbers.
 
-    None where zeros, -1 or whatever else is no covariance stand for one that nobody knows.
+    None where zeros, -1, NaN or whatever else is no covariance stand for one that nobody knows.
     """
     chosen = np.asarray(axes)
     stated = np.array(values, dtype=np.float64).reshape(6, 6)[np.ix_(chosen, chosen)]
-    if not stated.any():
+    if not 0.0 < np.abs(stated).max() <= VARIANCE:
         return None
     try:
         return repair_covariance(stated, definite=False)

@@ -76,6 +76,9 @@ LIMITS: dict[str, dict[str, Limit]] = {
     "vision_msgs/ObjectHypothesis": {"score": (0.0, GENERIC)},
 }  # fmt: skip
 APART = ("tf2_msgs/TFMessage",)
+# Of a field that is a message, the only part that has to make sense. Bases put -1, NaN or nonsense for covariances that
+# they do not know; who reads those (`stated_covariance`) takes them for unknown, and most only want the pose.
+PARTS = {"nav_msgs/Odometry": {"pose": "pose", "twist": "twist"}}
 
 
 class Envelope:
@@ -132,8 +135,11 @@ def _lines(owner: str, name: str, told: str, space: dict[str, Any]) -> list[str]
     if sequence := SEQUENCE.match(told):
         return _list_lines(owner, name, sequence[1], rule, space)
     if "/" in told:
+        part, path = PARTS.get(owner, {}).get(name), name
+        if part is not None:
+            told, path = _message(told).get_fields_and_field_types()[part], f"{name}.{part}"
         space[f"check_{name}"] = _compiled(_message(told))
-        return [f"within({name!r}, check_{name}, m.{name})"]
+        return [f"within({path!r}, check_{name}, m.{path})"]
     if told.startswith(WORDS):
         return [f"text({name!r}, m.{name}, {FRAME if name.endswith('frame_id') else TEXT})"]
     if rule == () and told in FLOATS:

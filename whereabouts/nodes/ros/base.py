@@ -57,7 +57,8 @@ class SuiteNode(LifecycleNode):
     active : whether the lifecycle state is active; inputs and timers rest otherwise.
     epoch : number of the run; counts up when time goes back. last_run : why the last one began.
     time : what the stamps of all sensors tell. turns : what is kept in a lock-step replay until it is its turn.
-    complaints : what was warned of. account : of what was sent. created : how to take down what `setup` has made.
+    complaints : what was warned of; alarm, complain, report_defect : its own. account : of what was sent. created : how
+    to take down what `setup` has made.
     sends_clouds : whether it sends messages of megabytes, clouds or maps; see `use_small_segment`.
     """
 
@@ -71,6 +72,8 @@ class SuiteNode(LifecycleNode):
         self.active = False
         self.epoch = 0
         self.complaints = Complaints(self.get_logger())
+        self.alarm, self.complain = self.complaints.alarm, self.complaints.complain
+        self.report_defect = self.complaints.report_defect
         self.last_run = ""
         self.time = Timekeeper(self)
         # In lock-step on recorded time: what follows has to be the same each time.
@@ -222,18 +225,6 @@ class SuiteNode(LifecycleNode):
     def broadcaster(self) -> Output:
         """A publisher for tf; give it lists of transforms in a TFMessage."""
         return self.add_output(TFMessage, "tf", TF_QOS)
-
-    def alarm(self, text: str) -> None:
-        """Warn, in the log and in diagnostics, each time."""
-        self.complaints.alarm(text)
-
-    def complain(self, text: str, key: Any = None, defect: bool = False) -> None:
-        """Warn, at most once in a while for each key; count always."""
-        self.complaints.complain(text, key, defect)
-
-    def report_defect(self, where: str, error: Exception) -> None:
-        """An exception nobody expected: said with its trace, counted, survived. The executor calls it, too."""
-        self.complaints.report_defect(where, error)
 
     def begin_run(self, reason: str, counted: bool = True) -> None:
         """Time went back: a new epoch, with a warning. What is known for good stays.

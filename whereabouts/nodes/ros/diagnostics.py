@@ -46,11 +46,12 @@ class Complaints:
         self._silent_until: dict[Any, float] = {}
 
     def alarm(self, text: str) -> None:
+        """Warn, in the log and in diagnostics, each time."""
         self.count += 1
         self.last = text
         self._logger.warning(text)
 
-    def complain(self, text: str, key: Any, defect: bool = False) -> None:
+    def complain(self, text: str, key: Any = None, defect: bool = False) -> None:
         """Warn, at most once in a while for each key; count always."""
         self.count += 1
         self.defects += defect
@@ -67,7 +68,7 @@ class Complaints:
             self._logger.warning(text)
 
     def report_defect(self, where: str, error: Exception) -> None:
-        """An exception nobody expected, with its trace."""
+        """An exception nobody expected: said with its trace, counted, survived. The executor calls it, too."""
         trace = "".join(traceback.format_exception(error, limit=-4))
         text = f"{where}: internal error: {type(error).__name__}: {error}\n{trace}"
         self.complain(text, (where, "defect"), True)

@@ -6,6 +6,7 @@ What was in view comes from them, so that what a detector does not report is evi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -111,33 +112,16 @@ class CameraDoor:
         """What the camera saw at a stamp, ns; robot : as `SeenFrame` of the camera has it. Raises TransformError."""
         frame, camera = lens
         self.keep(stamp)
-        depth = scan = turned = None
         if self.from_scan:
             scan = self._scan(stamp, robot.matrix[:3, 3])
-        else:
-            depth, at = self._image(stamp, frame, camera)
-            turned = self._turned(frame, robot.matrix, stamp, at)
-        return CameraView(
-            camera,
-            robot.matrix,
-            depth,
-            scan,
-            robot.pose_covariance,
-            robot.origin,
-            self.rates,
-            turned=turned,
-            name=frame,
-        )
-
-    def _turned(self, frame: str, pose: Array, stamp: int, at: int) -> Array | None:
-        """(4, 4) from a camera, (4, 4) at a stamp, ns, to where it was at another; None where nobody knows."""
-        if at == stamp:
-            return None
-        try:
-            then = self._node.transforms.lookup(self._map, frame, at)
-        except TransformError:
-            return None
-        return np.asarray(np.linalg.solve(then, pose))
+            return robot.view(camera, self.rates, frame, scan=scan)
+        depth, at = self._image(stamp, frame, camera)
+        turned = None
+        if at != stamp:
+            with suppress(TransformError):
+                then = self._node.transforms.lookup(self._map, frame, at)
+                turned = np.asarray(np.linalg.solve(then, robot.matrix))
+        return robot.view(camera, self.rates, frame, depth=depth, turned=turned)
 
     def says_nothing(self, view: CameraView, stamp: int, frame: str) -> bool:
         """Whether what a look did not show means nothing: what hides things is not known, or it is another picture of

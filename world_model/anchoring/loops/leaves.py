@@ -8,7 +8,7 @@ existence.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -55,6 +55,20 @@ class Leaves(NamedTuple):
     said: IntArray
     together: IntArray
     strain: FloatArray
+
+    def here(self, slots: Any) -> Any:
+        """Probability that the objects of leaves are there, resting or moving; slots : a row, or rows (n,)."""
+        return self.behavior[slots, REST] + self.behavior[slots, MOVING]
+
+    def move(self, slots: Any) -> Any:
+        """Whether the objects of leaves rather move than rest; slots : as of `here`."""
+        return self.behavior[slots, MOVING] > self.behavior[slots, REST]
+
+    def spots(self, slots: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Where leaves (n,) most probably are (n, 3), m, and the covariances of that (n, 3, 3), m²."""
+        moving = self.move(slots)[:, None]
+        covariances = np.where(moving[..., None], self.moving_cov[slots, :3, :3], self.rest_cov[slots])
+        return np.where(moving, self.moving[slots, :3], self.rest[slots]), covariances
 
 
 def empty(size: int, attributes: int, quantities: int = 0) -> Leaves:
